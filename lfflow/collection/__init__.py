@@ -1,0 +1,1 @@
+"""The on-disk layout of a collection; nothing else knows it."""

@@ -1,0 +1,1 @@
+"""Planning and executing the work on a collection; nothing else knows executors."""

@@ -1,0 +1,1 @@
+"""A forward model of a plenoptic camera."""

@@ -1,0 +1,1 @@
+"""The stages of the method: datasets in, datasets out, lazy."""
