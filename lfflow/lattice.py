@@ -90,11 +90,15 @@ class Lattice:
         return best_t, best_s
 
     def grid_shape(self, height: int, width: int) -> tuple[int, int]:
-        """Rows and columns (t, s) of the smallest centred brick grid that covers a sensor of height × width pixels."""
+        """Rows and columns (t, s) of a centred brick grid that covers a sensor of height × width pixels.
+
+        Beyond the sensor's own extent: half a lens for the cells at either edge, up to half a lens by which the middle
+        lens misses the sensor's centre, and half a lens for the odd rows.
+        """
         tilt = abs(math.tan(self.theta))
         row_step = self.dh * self.row_pitch
-        rows = math.ceil((height + width * tilt) / row_step) + 1
-        columns = math.ceil((width + height * tilt) / self.dh) + 1
+        rows = math.ceil((height + width * tilt) / row_step) + 2
+        columns = math.ceil((width + height * tilt) / self.dh) + 3
         return rows, columns
 
     def anchored(self, height: int, width: int, shape: Sequence[int] | None = None) -> Lattice:

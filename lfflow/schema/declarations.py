@@ -16,7 +16,7 @@ _LENSES = (
     Variable("t", ("t",), "int64", "lens row", "1", axis=True),
     Variable("s", ("s",), "int64", "lens column in the brick layout", "1", axis=True),
 )
-_CHANNEL = (Variable("channel", ("channel",), "string", "colour channel", axis=True),)
+_CHANNEL = (Variable("channel", ("channel",), "string", "colour channel", axis=True, required=False),)
 
 _LATTICE = (
     ("dh", "horizontal lens pitch", "pixel"),
