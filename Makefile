@@ -1,30 +1,38 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+DEMO ?= demo
+INPUT ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help test check demo fmt benchmark test-heavy lock
+.PHONY: help demo test check fmt test-heavy test-faults fuzz benchmark lock
 
-help:            ## this list
-	@grep -E '^[a-z-]+: .*##|^[a-z-]+:  *##' $(MAKEFILE_LIST) | sed 's/:.*##/:/'
+help:                ## this list
+	@sed -n 's/^\([a-z-]*\):[^#]*##\(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
 
 $(STAMP): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,sql]'
 	touch $@
 
-check: $(STAMP)  ## format, lint, types, import contract
+demo: $(STAMP)       ## simulate a small collection (or take INPUT=DIR), run the whole chain, say how good it is
+	$(BIN)/python -m pipelines.demo $(DEMO) $(if $(INPUT),--input $(INPUT))
+
+test: check          ## checks and the test suite
+	$(BIN)/pytest -n 2
+
+check: $(STAMP)      ## format, lint, types, import contract
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: check      ## checks and the test suite
-	$(BIN)/pytest -n 2
-
-fmt: $(STAMP)    ## format the code
+fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-lock: $(STAMP)   ## write constraints.txt from what is installed
+test-heavy: $(STAMP) ## the tests that take minutes
+	$(BIN)/pytest -m heavy
+
+lock: $(STAMP)       ## write constraints.txt from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt
