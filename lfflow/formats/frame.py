@@ -1,0 +1,91 @@
+"""One sensor frame in a file, and the lazy dataset it is for users."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from lfflow.formats.bounded_json import EMPTY, Document
+from lfflow.formats.layout import FrameLayout
+from lfflow.formats.metadata import FrameMetadata
+from lfflow.formats.region import Region
+from lfflow.schema import RAW
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Where the samples of a frame lie, and what its file says about it.
+
+    Parameters
+    ----------
+    capture
+        Id of the picture: the stem of the file.
+    region
+        The packed samples.
+    metadata
+        Layout and coordinates.
+    documents
+        The JSON of the file by name: "metadata", "private_metadata", "table_of_contents".
+    damaged
+        What is wrong with the file although it was accepted, in words.
+    """
+
+    capture: str
+    region: Region
+    metadata: FrameMetadata
+    documents: dict[str, Document] = field(default_factory=dict)
+    damaged: tuple[str, ...] = ()
+
+    def dataset(self) -> xr.Dataset:
+        """Raw dataset of the frame (`lfflow.schema.RAW`); nothing of the samples is read."""
+        layout = self.metadata.layout
+        samples = indexing.LazilyIndexedArray(FrameArray(self.region, layout))
+        raw = xr.Variable(("y", "x"), samples, encoding={"preferred_chunks": {"y": layout.height, "x": layout.width}})
+        coords: dict[str, Any] = {"capture": ((), self.capture), **self.metadata.coords}
+        coords |= {"y": np.arange(layout.height), "x": np.arange(layout.width)}
+        attrs = {name: self.documents.get(name, EMPTY).text for name in ("metadata", "private_metadata")}
+        attrs |= {name: document.text for name, document in self.documents.items()}
+        attrs["damaged"] = "; ".join(self.damaged)
+        ds = RAW.annotate(xr.Dataset({"raw": raw}, coords=coords, attrs=attrs))
+        ds["capture"].attrs.update(long_name="picture", units="1")
+        return ds
+
+
+class FrameArray(BackendArray):
+    """Lazy uint16 samples (y, x) of a frame: a window reads the bytes of its rows only (`lfflow.formats.region`)."""
+
+    def __init__(self, region: Region, layout: FrameLayout) -> None:
+        self.region = region
+        self.layout = layout
+        self.shape = (layout.height, layout.width)
+        self.dtype = np.dtype(np.uint16)
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._window)
+
+    def rows(self, first: int, last: int) -> npt.NDArray[np.uint16]:
+        """Samples of rows `first` … `last` − 1, shape (last − first, width)."""
+        from lfflow.formats.packing import unpack, window
+
+        width = self.layout.width
+        begin, length, skipped = window(self.layout, first, last)
+        data = self.region.read_part(begin, length)
+        count = (last - first) * width
+        return unpack(data, self.layout.packing, skipped + count)[skipped:].reshape(last - first, width)
+
+    def _window(self, key: tuple[int | slice, int | slice]) -> npt.NDArray[np.uint16]:
+        row, column = key
+        if not isinstance(row, slice):
+            row = int(row)
+            return np.ascontiguousarray(self.rows(row, row + 1)[0][column])
+        wanted = range(self.layout.height)[row]
+        if not wanted:
+            return np.empty((0, self.layout.width), np.uint16)[:, column]
+        first, last = min(wanted), max(wanted) + 1
+        return np.ascontiguousarray(self.rows(first, last)[:: wanted.step][:, column])

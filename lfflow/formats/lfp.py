@@ -1,0 +1,168 @@
+"""Raw pictures in LFP containers: F01 ``.lfp``, Illum ``.lfr`` (METHOD B.1 to B.3)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from lfflow.formats.bounded_json import EMPTY, Document, Json, at, write_json
+from lfflow.formats.container import Container, chunk_id, open_container, write_container
+from lfflow.formats.errors import StructureError
+from lfflow.formats.frame import Frame
+from lfflow.formats.metadata import frame_metadata
+from lfflow.formats.region import Region
+
+FRAMES = (("picture", "frameArray", 0), ("frames", 0))
+"""Where the table of contents describes the frame: F01 and Desktop 3, Illum and Desktop 4."""
+
+
+def open_lfp(path: str | os.PathLike[str], *, accept_damaged: bool = False) -> xr.Dataset:
+    """Lazy raw dataset of a picture.
+
+    Parameters
+    ----------
+    path
+        An LFP container with a sensor frame.
+    accept_damaged
+        Read also what differs from its SHA-1; ``attrs["damaged"]`` then says what does.
+
+    Returns
+    -------
+    Dataset
+        `lfflow.schema.RAW`: raw (y, x) uint16, metadata as coordinates, JSON verbatim in the attributes.
+
+    Raises
+    ------
+    FileFormatError
+        The subclass says how the file is broken.
+    """
+    container = open_container(os.path.abspath(path), accept_damaged=accept_damaged)  # noqa: PTH100 - keeps ".." steps
+    return raw_frame(container).dataset()
+
+
+def raw_frame(container: Container) -> Frame:
+    """The sensor frame of a container.
+
+    Raises
+    ------
+    StructureError
+        If it has none, or its image has the wrong size.
+    """
+    path = container.path
+    entry, where = frame_entry(container)
+    metadata = _document(container, entry, "metadata", where)
+    if metadata is None:
+        raise StructureError(path, where, "neither metadata nor metadataRef", "the metadata of the frame")
+    private = _document(container, entry, "privateMetadata", where) or EMPTY
+    parsed = frame_metadata(metadata.value, private.value, tags_of(container.toc.value), path)
+    image = container.chunk(at(entry, "imageRef"), f"{where}.imageRef")
+    region = frame_region(image, "image", parsed.layout.size)
+    damaged = damage(region) if container.accept_damaged else ()
+    documents = {"metadata": metadata, "private_metadata": private, "table_of_contents": container.toc}
+    return Frame(Path(path).stem, region.unchecked() if damaged else region, parsed, documents, damaged)
+
+
+def frame_entry(container: Container) -> tuple[Json, str]:
+    """The table of contents' entry of the frame, and where it stands."""
+    for place in FRAMES:
+        entry = at(container.toc.value, *place, "frame")
+        if isinstance(entry, dict):
+            return entry, f"{place[0]}.{place[1]}[0].frame" if len(place) > 2 else f"{place[0]}[0].frame"
+    raise StructureError(container.path, "table of contents", "no frame", "picture.frameArray or frames")
+
+
+def tags_of(toc: Json) -> Json:
+    """The camera's own tags of a picture: darkFrame, modulationFrame."""
+    for place in FRAMES:
+        tags = at(toc, *place, "parameters", "vendorContent", "com.lytro.tags")
+        if isinstance(tags, dict):
+            return tags
+    return {}
+
+
+def frame_region(region: Region, name: str, size: int) -> Region:
+    """The region under a name for messages, if it has the size of the frame."""
+    if region.length != size:
+        raise StructureError(region.path, name, f"{region.length} bytes", f"{size} bytes by the metadata")
+    return Region(region.path, f"{name} ({region.name})", region.offset, region.length, region.sha1)
+
+
+def damage(region: Region) -> tuple[str, ...]:
+    """What is wrong with the bytes of a region, in words; empty when they are right."""
+    digest = region.digest()
+    if region.sha1 is None or digest == region.sha1:
+        return ()
+    return (f"{region.name}: SHA-1 {digest}, expected {region.sha1}",)
+
+
+def write_lfp(
+    path: str | os.PathLike[str],
+    raw: npt.NDArray[np.uint16],
+    metadata: Mapping[str, Any],
+    private_metadata: Mapping[str, Any] | None = None,
+    *,
+    white: bool = False,
+    dark: bool = False,
+) -> None:
+    """Write a raw picture as the F01 does.
+
+    Parameters
+    ----------
+    path
+        The ``.lfp`` to make.
+    raw
+        Sensor samples (y, x).
+    metadata
+        The frame's JSON; size, bits and byte order in it must be those of `raw`.
+    private_metadata
+        JSON with ``camera.serialNumber``.
+    white, dark
+        The camera's tags: modulation image, dark frame.
+
+    Raises
+    ------
+    FileFormatError
+        If the metadata contradict themselves or `raw`.
+    """
+    private = dict(private_metadata or {})
+    packed = packed_frame(raw, metadata, private, os.fspath(path))
+    chunks = [write_json(metadata), write_json(private), packed]
+    references = dict(zip(("metadataRef", "privateMetadataRef", "imageRef"), map(chunk_id, chunks), strict=True))
+    tags = {"darkFrame": dark, "modulationFrame": white}
+    entry = {"frame": references, "parameters": {"vendorContent": {"com.lytro.tags": tags}}}
+    toc = {
+        "picture": {"frameArray": [entry], "viewArray": [], "accelerationArray": [], "derivationArray": []},
+        "thumbnailArray": [],
+        "version": {"major": 1, "minor": 0, "provisionalDate": "2011-08-03"},
+    }
+    write_container(path, toc, chunks)
+
+
+def packed_frame(
+    raw: npt.NDArray[np.uint16], metadata: Mapping[str, Any], private: Mapping[str, Any], path: str
+) -> bytes:
+    """Bytes of a frame in the packing that its metadata declare."""
+    from lfflow.formats.packing import pack
+
+    layout = frame_metadata(dict(metadata), dict(private), {}, path).layout
+    if raw.shape != (layout.height, layout.width):
+        raise StructureError(path, "samples", f"shape {raw.shape}", f"{(layout.height, layout.width)} by the metadata")
+    return pack(raw, layout.packing)
+
+
+def _document(
+    container: Container, entry: Json, name: Literal["metadata", "privateMetadata"], where: str
+) -> Document | None:
+    if isinstance(entry.get(name), dict):
+        return Document.of(entry[name])
+    reference = entry.get(name + "Ref")
+    if reference is None:
+        return None
+    here = f"{where}.{name}Ref"
+    return container.read_json(container.chunk(reference, here), here)
