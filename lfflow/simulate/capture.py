@@ -89,7 +89,8 @@ def simulate_capture(
     time = _time(seed, capture)
     raw = raw_dataset(samples, body, setting, capture=capture, kind="scene", time=time)
     grid = Grid.of(lattice, height, width, body.model)
-    truth = xr.merge([truth_disparity(grid, scene, views), truth_views(grid, scene, optics, views)])
+    truth = truth_disparity(grid, scene, views)
+    truth["rgb"] = truth_views(grid, scene, optics, views)["rgb"]
     truth["defects"] = (("y", "x"), defects)
     return raw, truth.assign_coords(capture=capture)
 
