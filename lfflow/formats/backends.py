@@ -12,29 +12,38 @@ from xarray.backends import BackendEntrypoint
 
 from lfflow.formats.container import is_container
 from lfflow.formats.errors import UnknownFormatError
-from lfflow.formats.lfp import open_lfp
+from lfflow.formats.lfp import Image
+from lfflow.formats.opening import is_address, open_picture
+from lfflow.formats.raw_pair import is_pair
 
 
 class LfpEntrypoint(BackendEntrypoint):
     """Engine "lfp": pictures in LFP containers."""
 
-    description: ClassVar[str] = "Lytro pictures (.lfp, .lfr)"
-    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables", "accept_damaged")
+    description: ClassVar[str] = "Lytro pictures (.lfp, .lfr, .RAW with .TXT, members of calibration archives)"
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = (
+        "filename_or_obj", "drop_variables", "image", "accept_damaged",
+    )  # fmt: skip
 
     def open_dataset(
         self,
         filename_or_obj: Any,
         *,
         drop_variables: str | Iterable[str] | None = None,
+        image: Image = "raw",
         accept_damaged: bool = False,
     ) -> xr.Dataset:
-        """Open a picture lazily; see `lfflow.formats.lfp.open_lfp`."""
-        ds = open_lfp(path_of(filename_or_obj), accept_damaged=accept_damaged)
+        """Open a picture lazily; see `lfflow.formats.opening.open_picture`."""
+        ds = open_picture(path_of(filename_or_obj), image=image, accept_damaged=accept_damaged)
         return without(ds, drop_variables)
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Whether the file begins as an LFP container."""
-        return is_container(head_of(filename_or_obj))
+        """Whether the file begins as an LFP container, is one of a RAW + TXT pair, or a member of an archive."""
+        if is_container(head_of(filename_or_obj)):
+            return True
+        if not isinstance(filename_or_obj, str | os.PathLike):
+            return False
+        return is_pair(filename_or_obj) or is_address(os.fspath(filename_or_obj))
 
 
 def path_of(filename_or_obj: Any) -> str:

@@ -45,16 +45,23 @@ class Frame:
     def dataset(self) -> xr.Dataset:
         """Raw dataset of the frame (`lfflow.schema.RAW`); nothing of the samples is read."""
         layout = self.metadata.layout
+        coords: dict[str, xr.Variable] = {
+            "capture": xr.Variable((), self.capture, {"long_name": "picture", "units": "1"}),
+            "y": _variable("y", ("y",), np.arange(layout.height)),
+            "x": _variable("x", ("x",), np.arange(layout.width)),
+        }
+        coords |= {name: _variable(name, dims, value) for name, (dims, value) in self.metadata.coords.items()}
         samples = indexing.LazilyIndexedArray(FrameArray(self.region, layout))
-        raw = xr.Variable(("y", "x"), samples, encoding={"preferred_chunks": {"y": layout.height, "x": layout.width}})
-        coords: dict[str, Any] = {"capture": ((), self.capture), **self.metadata.coords}
-        coords |= {"y": np.arange(layout.height), "x": np.arange(layout.width)}
-        attrs = {name: self.documents.get(name, EMPTY).text for name in ("metadata", "private_metadata")}
+        raw = xr.Variable(("y", "x"), samples, RAW["raw"].attrs)
+        raw.encoding["preferred_chunks"] = {"y": layout.height, "x": layout.width}
+        attrs: dict[str, Any] = {"schema": RAW.name, "schema_version": RAW.version, "damaged": "; ".join(self.damaged)}
+        attrs |= {name: self.documents.get(name, EMPTY).text for name in ("metadata", "private_metadata")}
         attrs |= {name: document.text for name, document in self.documents.items()}
-        attrs["damaged"] = "; ".join(self.damaged)
-        ds = RAW.annotate(xr.Dataset({"raw": raw}, coords=coords, attrs=attrs))
-        ds["capture"].attrs.update(long_name="picture", units="1")
-        return ds
+        return xr.Dataset({"raw": raw}, coords=coords, attrs=attrs)
+
+
+def _variable(name: str, dims: tuple[str, ...], value: Any) -> xr.Variable:
+    return xr.Variable(dims, value, RAW[name].attrs)
 
 
 class FrameArray(BackendArray):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,13 +23,19 @@ FRAMES = (("picture", "frameArray", 0), ("frames", 0))
 """Where the table of contents describes the frame: F01 and Desktop 3, Illum and Desktop 4."""
 
 
-def open_lfp(path: str | os.PathLike[str], *, accept_damaged: bool = False) -> xr.Dataset:
+Image = Literal["raw", "modulation"]
+IMAGES: dict[str, str] = {"raw": "imageRef", "modulation": "modulationDataRef"}
+
+
+def open_lfp(path: str | os.PathLike[str], *, image: Image = "raw", accept_damaged: bool = False) -> xr.Dataset:
     """Lazy raw dataset of a picture.
 
     Parameters
     ----------
     path
         An LFP container with a sensor frame.
+    image
+        "raw", or "modulation": the white image that an Illum picture embeds.
     accept_damaged
         Read also what differs from its SHA-1; ``attrs["damaged"]`` then says what does.
 
@@ -43,11 +50,11 @@ def open_lfp(path: str | os.PathLike[str], *, accept_damaged: bool = False) -> x
         The subclass says how the file is broken.
     """
     container = open_container(os.path.abspath(path), accept_damaged=accept_damaged)  # noqa: PTH100 - keeps ".." steps
-    return raw_frame(container).dataset()
+    return raw_frame(container, image).dataset()
 
 
-def raw_frame(container: Container) -> Frame:
-    """The sensor frame of a container.
+def raw_frame(container: Container, image: Image = "raw") -> Frame:
+    """The sensor frame of a container, or the white image that an Illum embeds beside it ("modulation").
 
     Raises
     ------
@@ -61,11 +68,15 @@ def raw_frame(container: Container) -> Frame:
         raise StructureError(path, where, "neither metadata nor metadataRef", "the metadata of the frame")
     private = _document(container, entry, "privateMetadata", where) or EMPTY
     parsed = frame_metadata(metadata.value, private.value, tags_of(container.toc.value), path)
-    image = container.chunk(at(entry, "imageRef"), f"{where}.imageRef")
-    region = frame_region(image, "image", parsed.layout.size)
+    key = IMAGES[image]
+    region = frame_region(container.chunk(at(entry, key), f"{where}.{key}"), f"{image} image", parsed.layout.size)
+    capture = Path(path).stem
+    if image == "modulation":
+        capture += "-modulation"
+        parsed = replace(parsed, kind="white", coords={**parsed.coords, "kind": ((), "white")})
     damaged = damage(region) if container.accept_damaged else ()
     documents = {"metadata": metadata, "private_metadata": private, "table_of_contents": container.toc}
-    return Frame(Path(path).stem, region.unchecked() if damaged else region, parsed, documents, damaged)
+    return Frame(capture, region.unchecked() if damaged else region, parsed, documents, damaged)
 
 
 def frame_entry(container: Container) -> tuple[Json, str]:
