@@ -1,0 +1,49 @@
+"""One disparity from many pairs (METHOD 8.2)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+Fusion = Literal["median", "weighted_median", "inverse_variance"]
+
+
+def weighted_median(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Lower weighted median (t, s) of values (pair, t, s); NaN values and weights of 0 do not count, NaN if none does.
+
+    The result is always one of the values, never the mean of two that an occlusion separates (METHOD pitfall 11).
+    """
+    use = np.isfinite(values) & (weights > 0)
+    key = np.where(use, values, np.inf)
+    order = np.argsort(key, axis=0, kind="stable")
+    ordered = np.take_along_axis(key, order, 0)
+    share = np.cumsum(np.take_along_axis(np.where(use, weights, 0), order, 0), axis=0, dtype=np.float64)
+    at = np.argmax(share >= 0.5 * share[-1], axis=0)
+    found = np.take_along_axis(ordered, at[None], 0)[0]
+    return np.where(share[-1] > 0, found, np.nan).astype(np.float32)
+
+
+def spread(values: FloatArray, weights: FloatArray, middle: FloatArray) -> FloatArray:
+    """Weighted standard deviation (t, s) of values (pair, t, s) about `middle`; NaN where fewer than two count."""
+    use = np.isfinite(values) & (weights > 0) & np.isfinite(middle)
+    w = np.where(use, weights, 0).astype(np.float64)
+    square = np.where(use, (values - np.where(np.isfinite(middle), middle, 0)) ** 2, 0)
+    total = w.sum(axis=0)
+    several = use.sum(axis=0) >= 2
+    return np.where(several, np.sqrt((w * square).sum(axis=0) / np.where(total > 0, total, 1)), np.nan).astype(
+        np.float32
+    )
+
+
+def trimmed_sum(costs: FloatArray, keep: float = 0.75) -> FloatArray:
+    """Mean (hypothesis, t, s) of the smallest share `keep` of the costs (pair, hypothesis, t, s); NaN where none."""
+    count = np.isfinite(costs).sum(axis=0)
+    ordered = np.sort(np.where(np.isfinite(costs), costs, np.inf), axis=0)
+    kept = np.maximum(np.ceil(keep * count), 1)
+    rank = np.arange(costs.shape[0]).reshape(-1, *([1] * (costs.ndim - 1)))
+    use = (rank < kept) & np.isfinite(ordered)
+    total = np.where(use, ordered, 0).sum(axis=0)
+    return np.where(count > 0, total / np.where(count > 0, use.sum(axis=0), 1), np.nan).astype(np.float32)
