@@ -1,0 +1,176 @@
+"""Demultiplexing: every usable pixel exactly once, at the place that the lattice says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dask
+import dask.array
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lfflow.errors import LfflowError
+from lfflow.kernels.demultiplex import MIN_VIGNETTING, SATURATED_WEIGHT, round_to_pixel
+from lfflow.lattice import Lattice
+from lfflow.schema import LIGHTFIELD, lattice_of, lattice_variables
+from lfflow.stages.demultiplex import demultiplex
+
+SEED_LATTICE = Lattice(10.00861, 10.01028, 0.00143, 5.3, 7.1)
+BLACK = np.array([168.0, 160.0, 170.0, 150.0])
+WHITE = np.array([4095.0, 4000.0, 4010.0, 4080.0])
+
+
+def frame(height: int, width: int, *, seed: int = 0, pattern: str = "BGGR", capture: str = "A") -> xr.Dataset:
+    counts = np.random.default_rng(seed).integers(0, 3990, (height, width)).astype(np.uint16)
+    return xr.Dataset(
+        {"raw": (("y", "x"), counts)},
+        coords={
+            "y": np.arange(height), "x": np.arange(width), "site": ["r", "gr", "gb", "b"],
+            "black_level": ("site", BLACK), "white_level": ("site", WHITE), "cfa_pattern": pattern, "kind": "scene",
+            "capture": capture, "camera_model": "none of the known", "iso": 200.0,
+        },
+    )  # fmt: skip
+
+
+def calibration(lattice: Lattice, height: int, width: int, *, seed: int = 1) -> xr.Dataset:
+    rng = np.random.default_rng(seed)
+    return xr.Dataset(
+        {
+            **lattice_variables(lattice),
+            "vignetting": (("y", "x"), rng.uniform(0.02, 1, (height, width)).astype(np.float32)),
+            "pixel_flags": (("y", "x"), rng.choice([0, 0, 0, 0, 1, 2, 4], (height, width)).astype(np.uint8)),
+        },
+        coords={"y": np.arange(height), "x": np.arange(width)},
+    )
+
+
+def sensor_of(lf: xr.Dataset) -> tuple[Any, ...]:
+    """Sensor column and row of every sample, by the definition V(u, v)[lens] = raw(round(centre) + (u, v))."""
+    x, y = lattice_of(lf).centres(lf.t.values[:, None], lf.s.values)
+    present = (lf.cfa != 255).transpose("v", "u", "t", "s").values
+    v, u, t, s = np.nonzero(present)
+    columns = round_to_pixel(x)[t, s] + lf.u.values[u]
+    rows = round_to_pixel(y)[t, s] + lf.v.values[v]
+    return columns, rows, (v, u, t, s)
+
+
+lattices = st.builds(
+    Lattice,
+    dh=st.floats(6.0, 15.0), dv=st.floats(6.0, 15.0), theta=st.floats(-0.05, 0.05), cx=st.floats(-40, 40),
+    cy=st.floats(-40, 40), arrangement=st.sampled_from(["hexagonal", "square"]),
+)  # fmt: skip
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@given(lattice=lattices, radius=st.integers(2, 8), pattern=st.sampled_from(["BGGR", "GRBG", "RGGB", "GBRG"]))
+def test_every_usable_pixel_is_used_exactly_once(lattice: Lattice, radius: int, pattern: str) -> None:
+    height, width = 61, 74
+    raw, cal = frame(height, width, pattern=pattern), calibration(lattice, height, width)
+    lf = demultiplex(raw, cal, radius=radius)
+    columns, rows, index = sensor_of(lf)
+
+    y, x = np.mgrid[:height, :width]
+    mine = lattice_of(lf)
+    t, s = mine.nearest(x, y)
+    centre_x, centre_y = mine.centres(t, s)
+    offset = np.maximum(abs(x - round_to_pixel(centre_x)), abs(y - round_to_pixel(centre_y)))
+    on_grid = (t >= 0) & (t < lf.sizes["t"]) & (s >= 0) & (s < lf.sizes["s"])
+    usable = on_grid & (cal.pixel_flags.values == 0) & (cal.vignetting.values >= MIN_VIGNETTING) & (offset <= radius)
+
+    used = np.zeros((height, width), int)
+    np.add.at(used, (rows, columns), 1)
+    np.testing.assert_array_equal(used, usable)
+    np.testing.assert_array_equal(t[rows, columns], index[2])
+    np.testing.assert_array_equal(s[rows, columns], index[3])
+
+    site = np.array([["RGB".index(c) for c in pattern[:2]], ["RGB".index(c) for c in pattern[2:]]])
+    np.testing.assert_array_equal(lf.cfa.values[index], site[rows % 2, columns % 2])
+    np.testing.assert_array_equal(lf.weight.values[index], cal.vignetting.values[rows, columns])
+
+
+def test_radiance_is_that_of_each_bayer_site() -> None:
+    lattice = SEED_LATTICE
+    raw, cal = frame(80, 90, pattern="GRBG"), calibration(lattice, 80, 90)
+    lf = demultiplex(raw, cal)
+    columns, rows, index = sensor_of(lf)
+    tile = np.array([[1, 0], [3, 2]])  # GRBG: gr r / b gb
+    site = tile[rows % 2, columns % 2]
+    expected = (raw.raw.values[rows, columns] - BLACK[site]) / (WHITE - BLACK)[site]
+    np.testing.assert_allclose(lf.mosaic.values[index] * lf.weight.values[index], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_where_there_is_no_sample_all_three_say_so() -> None:
+    lf = demultiplex(frame(80, 90), calibration(SEED_LATTICE, 80, 90))
+    missing = lf.cfa.values == 255
+    assert missing.any()
+    np.testing.assert_array_equal(np.isnan(lf.mosaic.values), missing)
+    np.testing.assert_array_equal(lf.weight.values == 0, missing)
+
+
+def test_a_clipped_sample_keeps_its_value_and_loses_its_weight() -> None:
+    raw, cal = frame(80, 90), calibration(SEED_LATTICE, 80, 90)
+    raw["raw"][40, 45] = 4095
+    cal["pixel_flags"][40, 45], cal["vignetting"][40, 45] = 0, 0.5
+    lf = demultiplex(raw, cal)
+    clipped = (lf.weight.values > 0) & (lf.weight.values < MIN_VIGNETTING)
+    assert clipped.sum() == 1
+    assert lf.weight.values[clipped] == pytest.approx(0.5 * SATURATED_WEIGHT)
+    assert lf.mosaic.values[clipped] >= 2.0
+
+
+def test_the_lattice_is_the_same_renumbered() -> None:
+    lf = demultiplex(frame(80, 90), calibration(SEED_LATTICE, 80, 90), shape=(21, 17))
+    assert dict(lf.sizes) == {"v": 11, "u": 11, "t": 21, "s": 17}
+    assert lattice_of(lf).distance_to(SEED_LATTICE, 80, 90) < 1e-9
+    assert LIGHTFIELD.issues(lf) == []
+    assert lf.attrs["schema"] == "lightfield"
+    assert float(lf.iso) == 200.0
+
+
+def test_lazy_and_eager_agree_with_any_order_and_captures(no_compute: None) -> None:
+    lattices = [SEED_LATTICE, Lattice(9.8, 10.1, -0.01, 2, 3)]
+    frames = [frame(60, 70, seed=k, capture=f"IMG_{k}") for k in range(2)]
+    cals = [calibration(lattice, 60, 70, seed=9 + k) for k, lattice in enumerate(lattices)]
+    singles = [demultiplex(a, b, shape=(9, 9), radius=5) for a, b in zip(frames, cals, strict=True)]
+
+    raw = xr.concat(frames, "capture", coords="different", compat="equals", join="exact")
+    cal = xr.concat(cals, xr.DataArray(["IMG_0", "IMG_1"], dims="capture", name="capture"))
+    raw["raw"] = raw.raw.transpose("x", "capture", "y").chunk(x=13, capture=1)
+    before = raw.copy(deep=False)
+    lazy = demultiplex(raw, cal.chunk(capture=1, y=20), shape=(9, 9), radius=5)
+    assert lazy.mosaic.dims == ("capture", "v", "u", "t", "s")
+    assert all(lazy[name].chunks is not None for name in ("mosaic", "cfa", "weight", "cx"))
+    xr.testing.assert_identical(raw, before)
+
+    with dask.config.set(scheduler="threads"):
+        done = lazy.compute()
+    for k, single in enumerate(singles):
+        for name in ("mosaic", "cfa", "weight", "cx", "cy", "dh"):
+            np.testing.assert_array_equal(done[name].isel(capture=k).values, single[name].values)
+
+
+def test_an_unknown_camera_with_a_lazy_calibration_asks_for_the_shape(no_compute: None) -> None:
+    cal = calibration(SEED_LATTICE, 40, 40).chunk()
+    cal["dh"] = ((), dask.array.asarray(cal.dh.values))
+    with pytest.raises(LfflowError, match="shape="):
+        demultiplex(frame(40, 40), cal)
+
+
+def test_a_calibration_of_another_sensor_is_refused() -> None:
+    with pytest.raises(LfflowError, match="another sensor"):
+        demultiplex(frame(40, 40), calibration(SEED_LATTICE, 40, 48))
+    two = xr.concat([frame(40, 40, capture=c) for c in "AB"], "capture", coords="different", compat="equals")
+    other = xr.concat([calibration(SEED_LATTICE, 40, 40)] * 2, xr.DataArray(["A", "C"], dims="capture", name="capture"))
+    with pytest.raises(LfflowError, match="same captures"):
+        demultiplex(two, other)
+
+
+def test_captures_of_a_known_model_share_one_shape() -> None:
+    raw, cal = frame(3280, 3280), calibration(SEED_LATTICE, 3280, 3280)
+    lf = demultiplex(raw.assign_coords(camera_model="F01").chunk(), cal.chunk())
+    assert (lf.sizes["u"], lf.mosaic.chunks is not None) == (11, True)
+    other = calibration(Lattice(10.05, 9.95, -0.009, 3, 3), 3280, 3280).chunk()
+    assert demultiplex(raw.assign_coords(camera_model="F01").chunk(), other).sizes == lf.sizes
