@@ -1,1 +1,5 @@
-"""The on-disk layout of a collection; nothing else knows it."""
+"""The on-disk layout of a collection: catalogue, stores, ledger and leases."""
+
+from lfflow.collection.collection import Collection, open_collection
+
+__all__ = ["Collection", "open_collection"]

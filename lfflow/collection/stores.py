@@ -1,0 +1,184 @@
+"""One zarr store per kind of result: its groups, how they grow, and the region of a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import zarr
+from numcodecs.bitround import BitRound
+
+from lfflow.collection import template
+from lfflow.collection.records import DamagedRecordError, Record, sealed, unsealed
+from lfflow.collection.scalars import decode, encode, is_region, small_variables
+from lfflow.collection.storage import Storage
+from lfflow.errors import SchemaError
+from lfflow.schema import Schema
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What a group holds: the size of every dim and the capture of every slot."""
+
+    sizes: Mapping[str, int]
+    captures: tuple[str, ...]
+
+
+class Store:
+    """The zarr store of one stage's results."""
+
+    def __init__(self, storage: Storage, schema: Schema) -> None:
+        self.storage = storage
+        self.schema = schema
+        self.folder = f"{schema.name}.zarr"
+        self._zarr = storage.zarr_store(self.folder)
+
+    def groups(self) -> list[str]:
+        """Groups (camera models) of the store."""
+        return [name.removesuffix(".json") for name in self.storage.names(f"ledger/stores/{self.schema.name}")]
+
+    def manifest(self, group: str) -> Manifest | None:
+        """Sizes and slots of a group; rebuilt from the arrays when its file is damaged; None when there is no group."""
+        name = self._manifest_name(group)
+        try:
+            document = unsealed(self.storage.read(name), name)
+        except FileNotFoundError:
+            return None
+        except DamagedRecordError:
+            return self._manifest_from_arrays(group)
+        return Manifest(document["sizes"], tuple(document["captures"]))
+
+    def _manifest_name(self, group: str) -> str:
+        return f"ledger/stores/{self.schema.name}/{group}.json"
+
+    def _manifest_from_arrays(self, group: str) -> Manifest:
+        node = zarr.open_group(self._zarr, path=group, mode="r", zarr_format=3)
+        captures: Any = node["capture"]
+        sizes: dict[str, int] = {}
+        for variable in self.schema.variables:
+            if is_region(variable):
+                array: Any = node[variable.name]
+                sizes.update(zip(variable.dims, array.shape[1:], strict=True))
+        return Manifest(sizes, tuple(str(name) for name in captures[...]))
+
+    def ensure(self, group: str, sizes: Mapping[str, int], captures: Sequence[str]) -> dict[str, int]:
+        """Make the group or let it grow, so that each capture has a slot; finished regions stay untouched.
+
+        Returns the slot of every capture. Only one process at a time may call this (the coordinator of a run).
+        Raises SchemaError when the store differs from its declaration.
+        """
+        manifest = self.manifest(group)
+        before = manifest.captures if manifest else ()
+        sizes = manifest.sizes if manifest else sizes
+        if manifest:
+            self.check(group, manifest)
+        after = (*before, *(name for name in captures if name not in set(before)))
+        document = {"sizes": dict(sizes), "captures": list(after), "schema_version": self.schema.version}
+        self._replace(self._manifest_name(group), sealed(document))
+        if after != before or not manifest:
+            self._write_small(template.build(self.schema, group, sizes, after, {}), metadata_only=bool(manifest))
+        return {name: slot for slot, name in enumerate(after)}
+
+    def check(self, group: str, manifest: Manifest) -> None:
+        """Raise SchemaError when the metadata on the disk differs from the declaration; mend it where it is rotten."""
+        expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {})
+        for key, wanted in expected.items():
+            if not key.endswith("zarr.json"):
+                continue
+            name = f"{self.folder}/{key}"
+            try:
+                found = self.storage.read(name)
+            except FileNotFoundError:
+                self.storage.write(name, wanted)
+                continue
+            differences = template.differences(found, wanted)
+            if differences and template.looks_rotten(found, wanted):
+                self.storage.write(name, wanted)
+            elif differences:
+                raise SchemaError(f"{name} differs from its declaration: " + "; ".join(differences))
+
+    def finalise(self, group: str, records: Mapping[str, Record]) -> None:
+        """Write axes and small variables of all finished captures, as the ledger has them."""
+        manifest = self.manifest(group)
+        if manifest is None:
+            return
+        lines = {f"lfflow {r.versions.get('lfflow', '?')}: {r.stage} {dict(sorted(r.parameters.items()))}"
+                 for r in records.values()}  # fmt: skip
+        content = template.build(self.schema, group, manifest.sizes, manifest.captures, records, sorted(lines))
+        self._write_small(content, metadata_only=False)
+
+    def _write_small(self, content: Mapping[str, bytes], *, metadata_only: bool) -> None:
+        """Write what differs from the disk; array metadata last, so that a longer shape never lacks its labels.
+
+        None of it needs to survive a power cut: every run derives it from the ledger again.
+        """
+        for key, data in sorted(content.items(), key=lambda item: item[0].endswith("zarr.json")):
+            if key.endswith("zarr.json") or not metadata_only:
+                self._replace(f"{self.folder}/{key}", data, durable=False)
+
+    def _replace(self, name: str, data: bytes, *, durable: bool = True) -> None:
+        try:
+            if self.storage.read(name) == data:
+                return
+        except FileNotFoundError:
+            pass
+        self.storage.write(name, data, durable=durable)
+
+    def _array(self, group: str, name: str, mode: Any) -> Any:
+        config = {"write_empty_chunks": True}
+        return zarr.open_array(self._zarr, path=f"{group}/{name}", mode=mode, zarr_format=3, config=config)
+
+    def region_files(self, group: str, slot: int) -> list[str]:
+        """Names of the files of one capture's region."""
+        names: list[str] = []
+        for variable in self.schema.variables:
+            if is_region(variable):
+                names += self.storage.files_below(f"{self.folder}/{group}/{variable.name}/c/{slot}")
+        return names
+
+    def write(self, group: str, slot: int, ds: xr.Dataset) -> dict[str, str]:
+        """Write the region of one capture, bring it to the disk; returns the sha256 of its files."""
+        for variable in self.schema.variables:
+            if is_region(variable):
+                values = np.ascontiguousarray(ds[variable.name].transpose(*variable.dims).values)
+                if variable.keep_bits is not None:
+                    values = _rounded(values, variable.keep_bits)
+                array = self._array(group, variable.name, "r+")
+                if array.shape[1:] != values.shape:
+                    raise SchemaError(
+                        f"{variable.name} has shape {values.shape}, group {group} of {self.folder} holds "
+                        f"{array.shape[1:]}"
+                    )
+                array[slot] = values
+        files = self.region_files(group, slot)
+        self.storage.flush(files)
+        return {name: self.storage.digest(name) for name in files}
+
+    def read(self, record: Record) -> xr.Dataset:
+        """Result of one finished capture, in memory; a damaged chunk raises."""
+        variables: dict[str, Any] = {}
+        for variable in self.schema.variables:
+            if is_region(variable):
+                variables[variable.name] = (variable.dims, self._array(record.group, variable.name, "r")[record.slot])
+        for variable in small_variables(self.schema):
+            variables[variable.name] = (variable.dims, decode(record.scalars, variable))
+        ds = xr.Dataset(variables)
+        axes = [variable for variable in self.schema.variables if variable.axis and variable.name in ds.dims]
+        ds = ds.assign_coords({a.name: (a.dims, template.axis_values(a.name, ds.sizes[a.name])) for a in axes})
+        return self.schema.annotate(ds.assign_coords(capture=record.capture))
+
+    def scalars(self, ds: xr.Dataset) -> dict[str, Any]:
+        """Small variables of one capture for its ledger record."""
+        return encode(ds, self.schema)
+
+    def open(self, group: str) -> xr.Dataset:
+        """All slots of a group, lazily, without dask; what is finished is for the ledger to say."""
+        return xr.open_dataset(self._zarr, engine="zarr", group=group, chunks=None, consolidated=False)
+
+
+def _rounded(values: np.ndarray[Any, Any], keep_bits: int) -> np.ndarray[Any, Any]:
+    codec = BitRound(keep_bits)
+    return np.asarray(codec.decode(codec.encode(values.copy()))).view(values.dtype).reshape(values.shape)

@@ -1,0 +1,159 @@
+"""The stages of the batch in one table: what each needs, makes and is called."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import xarray as xr
+
+from lfflow.cameras import KNOWN_CAMERAS, CameraModel, view_radius
+from lfflow.schema import CALIBRATION, DISPARITY, LIGHTFIELD, Schema
+
+Parameters = Mapping[str, Mapping[str, Any]]
+MIB = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Shape that all captures of one group share: lens rows and columns, and the largest view offset."""
+
+    rows: int
+    columns: int
+    radius: int
+
+
+@dataclass(frozen=True, slots=True)
+class StageInput:
+    """What a stage may use: the raw frame, the results of the stages before it, the group's grid."""
+
+    raw: xr.Dataset
+    results: Mapping[str, xr.Dataset]
+    grid: Grid | None
+    parameters: Parameters
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One step of the batch.
+
+    Parameters
+    ----------
+    name, version
+        Name in the ledger; a new version redoes all that was done with the old one.
+    schema
+        Declaration of the result.
+    upstream
+        Stages whose results it needs.
+    function
+        From its input to its result, a dataset of one capture.
+    tables
+        Tables of the configuration and the function whose keyword arguments each sets.
+    bytes_per_pixel
+        Peak memory per sensor pixel, for the plan.
+    seconds_per_megapixel
+        For the plan's estimate before anything has been measured.
+    """
+
+    name: str
+    version: int
+    schema: Schema
+    upstream: tuple[str, ...]
+    function: Callable[[StageInput], xr.Dataset]
+    tables: Mapping[str, str] = field(default_factory=dict)
+    bytes_per_pixel: float = 0.0
+    seconds_per_megapixel: float = 0.0
+
+    def keywords(self, table: str) -> tuple[str, ...]:
+        """Keyword arguments that a table of the configuration may set."""
+        module, _, name = self.tables[table].partition(":")
+        function = getattr(importlib.import_module(module), name)
+        own = [
+            p.name for p in inspect.signature(function).parameters.values() if p.default is not inspect.Parameter.empty
+        ]
+        return tuple(name for name in own if name not in ("shape", "radius"))
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """How raw files are opened, the stages in their order, and how a finished capture is drawn."""
+
+    open_raw: Callable[[str], xr.Dataset]
+    stages: tuple[Stage, ...]
+    draw: Callable[[xr.Dataset, xr.Dataset, str], None] | None = None
+
+    def __getitem__(self, name: str) -> Stage:
+        """Stage of a name."""
+        return next(stage for stage in self.stages if stage.name == name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the stages, in order."""
+        return tuple(stage.name for stage in self.stages)
+
+
+def camera_grid(model: str, height: int, width: int, pitch: float) -> Grid | None:
+    """Grid of a camera: the model's own, or that of the pitch in its metadata (sensor pixels; NaN: not known)."""
+    camera = KNOWN_CAMERAS.get(model)
+    if camera is None or (camera.height, camera.width) != (height, width):
+        if not pitch > 0:
+            return None
+        nominal = camera.pitch if camera is not None else pitch * 0.99
+        camera = CameraModel(model, height, width, nominal)
+    rows, columns = camera.grid_shape
+    return Grid(rows, columns, camera.view_radius)
+
+
+def lattice_grid(calibration: xr.Dataset, height: int, width: int) -> Grid:
+    """Grid of a camera that no metadata describe, from one calibration."""
+    from lfflow.schema import lattice_of
+
+    lattice = lattice_of(calibration)
+    rows, columns = lattice.grid_shape(height, width)
+    return Grid(rows + 2, columns + 2, view_radius(max(lattice.dh, lattice.dv)))
+
+
+def open_lfp(path: str) -> xr.Dataset:
+    """Raw frame of a file, lazily."""
+    return xr.open_dataset(path, engine="lfp")
+
+
+def _calibration(given: StageInput) -> xr.Dataset:
+    from lfflow.stages.calibrate import calibrate
+
+    return calibrate(given.raw, **given.parameters.get("calibration", {}))
+
+
+def _lightfield(given: StageInput) -> xr.Dataset:
+    from lfflow.stages.demultiplex import demultiplex
+
+    grid = given.grid
+    place = {} if grid is None else {"shape": (grid.rows, grid.columns), "radius": grid.radius}
+    return demultiplex(given.raw, given.results["calibration"], **place, **given.parameters.get("lightfield", {}))
+
+
+def _disparity(given: StageInput) -> xr.Dataset:
+    from lfflow.stages.disparity import disparity
+    from lfflow.stages.transpose import transpose_disparity
+
+    lightfield = given.results["lightfield"]
+    central = disparity(lightfield, **given.parameters.get("disparity", {}))
+    return transpose_disparity(central, lightfield, **given.parameters.get("transpose", {}))
+
+
+CHAIN = Chain(
+    open_lfp,
+    (
+        Stage("calibration", 1, CALIBRATION, (), _calibration,
+              {"calibration": "lfflow.stages.calibrate:calibrate"}, 60.0, 0.2),
+        Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
+              {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, 80.0, 0.2),
+        Stage("disparity", 1, DISPARITY, ("lightfield",), _disparity,
+              {"disparity": "lfflow.stages.disparity:disparity",
+               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 100.0, 0.5),
+    ),
+)  # fmt: skip
+"""The chain that `lfflow run` works through."""

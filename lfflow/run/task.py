@@ -1,0 +1,230 @@
+"""One task: the steps of one capture, from the raw file to committed regions; returns statuses, never raises."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import os
+import platform
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import dask
+import numpy as np
+import xarray as xr
+
+from lfflow.collection import Collection
+from lfflow.collection.leases import lease
+from lfflow.collection.records import DAMAGED, DONE, FAILED, Record
+from lfflow.collection.storage import LocalStorage, explain
+from lfflow.errors import CollectionError, FormatError, LfflowError
+from lfflow.run.chain import Chain, Stage, StageInput
+from lfflow.run.plan import BLOCKED, FAILED_BEFORE, SKIP, Job, Step
+
+_log = logging.getLogger(__name__)
+_drawing = threading.Lock()
+
+
+class BlockedError(CollectionError):
+    """A stage cannot run because what it needs is not there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """Everything that a worker needs for one task; small, so that nothing big passes the client."""
+
+    url: str
+    chain: Chain
+    job: Job
+    pictures: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What became of one (stage, capture): "done", "kept", "failed" or "blocked"."""
+
+    stage: str
+    capture: str
+    state: str
+    reason: str = ""
+    seconds: float = 0.0
+
+
+def perform(work: Work) -> tuple[Status, ...]:
+    """Run the steps of one capture one after the other; the first that fails blocks the rest."""
+    _single_threaded_libraries()
+    frame = _Frame(work.chain, work.job)
+    statuses: list[Status] = []
+    try:
+        collection = Collection(work.url)
+        with dask.config.set(scheduler="synchronous"):
+            for step in work.job.steps:
+                statuses.append(_perform_step(collection, work, step, frame, statuses))
+            if work.pictures:
+                _draw(collection, work, statuses)
+    except Exception as error:  # noqa: BLE001 - a task never raises: its outcome is a status
+        done = {status.stage for status in statuses}
+        reason = _reason(error)
+        statuses += [Status(s.stage, s.capture, "failed", reason) for s in work.job.steps if s.stage not in done]
+    return tuple(statuses)
+
+
+class _Frame:
+    """The raw frame of a job, read once, when the first stage asks for it."""
+
+    def __init__(self, chain: Chain, job: Job) -> None:
+        self._chain, self._job = chain, job
+
+    @functools.cached_property
+    def raw(self) -> xr.Dataset:
+        state = Path(self._job.path).stat()
+        if (state.st_size, state.st_mtime_ns) != (self._job.size, self._job.mtime_ns):
+            raise CollectionError(f"{self._job.path} has changed since it was scanned")
+        with self._chain.open_raw(self._job.path) as raw:
+            return raw.load().assign_coords(capture=self._job.capture)
+
+
+def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame, before: list[Status]) -> Status:
+    if step.action in (FAILED_BEFORE, BLOCKED):
+        return Status(step.stage, step.capture, "failed" if step.action == FAILED_BEFORE else "blocked", step.why)
+    if step.action == SKIP:
+        return Status(step.stage, step.capture, "kept")
+    lost = next((s for s in before if s.state in ("failed", "blocked")), None)
+    if lost is not None:
+        return Status(step.stage, step.capture, "blocked", f"its {lost.stage} has failed")
+    started = time.perf_counter()
+    stage = work.chain[step.stage]
+    with lease(collection.storage, step.stage, step.capture):
+        record = collection.ledger.find(step.stage, step.capture)
+        if step.why != "forced" and record is not None and record.fingerprint == step.fingerprint:
+            return Status(step.stage, step.capture, "kept")
+        try:
+            _commit(collection, work.job, stage, step, frame, started)
+        except Exception as error:  # noqa: BLE001 - whatever goes wrong is this capture's failure and no one else's
+            _log.debug("%s of %s", step.stage, step.capture, exc_info=True)
+            _record_failure(collection, work.job, step, error)
+            return Status(step.stage, step.capture, "failed", _reason(error), time.perf_counter() - started)
+    return Status(step.stage, step.capture, "done", seconds=time.perf_counter() - started)
+
+
+def _commit(collection: Collection, job: Job, stage: Stage, step: Step, frame: _Frame, started: float) -> None:
+    """Compute, write the region, flush it, write the record: in this order, under the lease."""
+    raw = frame.raw if stage.name != "disparity" else None
+    results = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
+    missing = [name for name in stage.upstream if name not in results]
+    if missing:
+        raise BlockedError(f"{stage.name} of {job.capture} has no {missing[0]}")
+    result = stage.function(StageInput(raw, results, job.grid, step.parameters))
+    result = stage.schema.check(result.compute(), f"result of {stage.name} of {job.capture}")
+    store = collection.store(stage.name)
+    collection.ledger.remove(stage.name, job.capture)
+    files = store.write(job.group, step.slot, result)
+    collection.ledger.write(Record(
+        stage.name, job.capture, DONE, step.fingerprint,
+        source={"path": job.path, "sha256": job.sha256},
+        group=job.group, slot=step.slot, files=files, scalars=store.scalars(result),
+        parameters={name: dict(table) for name, table in step.parameters.items()},
+        upstream={name: mark for name, (_, mark) in step.upstream.items()},
+        versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
+        seconds=round(time.perf_counter() - started, 3),
+    ))  # fmt: skip
+
+
+def _upstream(collection: Collection, stage: str, capture: str, mark: str) -> xr.Dataset:
+    """Result of a stage before, as it lies on the disk: the same bits whether this run made it or an earlier one."""
+    record = collection.ledger.find(stage, capture)
+    if record is None or record.fingerprint != mark:
+        raise BlockedError(f"the {stage} of {capture} is not there")
+    try:
+        return collection.store(stage).read(record)
+    except Exception as error:
+        collection.ledger.move(record, DAMAGED)
+        raise CollectionError(f"the {stage} of {capture} is damaged ({error}); the next run makes it anew") from error
+
+
+def _record_failure(collection: Collection, job: Job, step: Step, error: Exception) -> None:
+    transient = isinstance(error, OSError | MemoryError | CollectionError) and not isinstance(error, FormatError)
+    with contextlib.suppress(OSError):
+        collection.ledger.write(Record(
+            step.stage, job.capture, FAILED, step.fingerprint, source={"path": job.path, "sha256": job.sha256},
+            group=job.group, versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
+            reason=_reason(error), transient=transient,
+        ))  # fmt: skip
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, FileNotFoundError | PermissionError):
+        return f"{error.strerror}: {error.filename}"
+    if isinstance(error, OSError):
+        return str(explain(error))
+    return str(error) if isinstance(error, LfflowError) else f"{type(error).__name__}: {error}"
+
+
+def _draw(collection: Collection, work: Work, statuses: list[Status]) -> None:
+    """Draw the capture when its disparity is new or its picture is missing; a picture that fails loses nothing."""
+    last = statuses[-1] if statuses else None
+    if work.chain.draw is None or last is None or last.stage != "disparity" or last.state not in ("done", "kept"):
+        return
+    name = f"quicklook/{work.job.capture}.png"
+    if last.state == "kept" and name.removeprefix("quicklook/") in collection.storage.names("quicklook"):
+        return
+    try:
+        lightfield = collection.ledger.find("lightfield", work.job.capture)
+        disparity = collection.ledger.find("disparity", work.job.capture)
+        if lightfield is None or disparity is None:
+            return
+        with _drawing, tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "quicklook.png"
+            pair = collection.store("lightfield").read(lightfield), collection.store("disparity").read(disparity)
+            work.chain.draw(*pair, str(path))
+            collection.storage.write(name, path.read_bytes())
+    except Exception as error:  # noqa: BLE001 - see the docstring
+        _log.warning("no picture of %s: %s", work.job.capture, error)
+
+
+@functools.cache
+def _versions() -> dict[str, str]:
+    import zarr
+
+    from lfflow import __version__
+
+    return {"lfflow": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
+            "python": platform.python_version()}  # fmt: skip
+
+
+@functools.cache
+def _single_threaded_libraries() -> None:
+    """Stop OpenCV and BLAS from making threads of their own: the work is parallel over captures."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    cv2.setNumThreads(1)
+    threadpool_limits(1)
+
+
+@contextlib.contextmanager
+def thread_environment() -> Iterator[None]:
+    """Environment for worker processes: one thread for every numeric library."""
+    names = (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "OPENCV_FOR_THREADS_NUM",
+    )
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
