@@ -7,13 +7,34 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lfflow.simulate.capture import simulate_capture, simulate_white
+    from lfflow.simulate.collection import open_truth, simulate_collection
+    from lfflow.simulate.natural import natural_scene
+    from lfflow.simulate.optics import Optics
+    from lfflow.simulate.scene import Layer, Scene, Texture
 
 _HOME = {
     "simulate_capture": "lfflow.simulate.capture",
     "simulate_white": "lfflow.simulate.capture",
+    "open_truth": "lfflow.simulate.collection",
+    "simulate_collection": "lfflow.simulate.collection",
+    "natural_scene": "lfflow.simulate.natural",
+    "Optics": "lfflow.simulate.optics",
+    "Layer": "lfflow.simulate.scene",
+    "Scene": "lfflow.simulate.scene",
+    "Texture": "lfflow.simulate.scene",
 }
 
-__all__ = ["simulate_capture", "simulate_white"]
+__all__ = [
+    "Layer",
+    "Optics",
+    "Scene",
+    "Texture",
+    "natural_scene",
+    "open_truth",
+    "simulate_capture",
+    "simulate_collection",
+    "simulate_white",
+]
 
 
 def __getattr__(name: str) -> Any:

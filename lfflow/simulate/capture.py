@@ -39,6 +39,7 @@ def simulate_capture(
     optics: Optics | None = None,
     noise: bool = True,
     views: Sequence[int] | None = None,
+    rgb_views: Sequence[int] | None = None,
     capture: str = "IMG_0001",
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Simulate a capture of a scene by a plenoptic camera.
@@ -66,6 +67,8 @@ def simulate_capture(
         Photon and read noise, hot and dead pixels.
     views
         View offsets (the same in u and v) of the truth; all of the camera's by default.
+    rgb_views
+        View offsets of the radiance where they are not those of the disparity; its dims are then rgb_v and rgb_u.
     capture
         Id of the capture.
 
@@ -90,7 +93,10 @@ def simulate_capture(
     raw = raw_dataset(samples, body, setting, capture=capture, kind="scene", time=time)
     grid = Grid.of(lattice, height, width, body.model)
     truth = truth_disparity(grid, scene, views)
-    truth["rgb"] = truth_views(grid, scene, optics, views)["rgb"]
+    if rgb_views is None:
+        truth["rgb"] = truth_views(grid, scene, optics, views)["rgb"]
+    else:
+        truth["rgb"] = truth_views(grid, scene, optics, rgb_views)["rgb"].rename(v="rgb_v", u="rgb_u")
     truth["defects"] = (("y", "x"), defects)
     return raw, truth.assign_coords(capture=capture)
 

@@ -41,7 +41,7 @@ class Optics:
     droop: float = 0.25
     falloff: float = 0.35
     cat_eye: float = 0.0
-    rays: int = 8
+    rays: int = 6
     fill: float = 0.9
     crosstalk: float = 0.0
 

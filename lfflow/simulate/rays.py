@@ -62,7 +62,7 @@ class Profile(NamedTuple):
     half_diagonal: float
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
+@numba.njit(nogil=True, cache=True)
 def _lens_under(x: float, y: float, frame: Any) -> tuple[float, float, float, float]:
     """Lens whose Voronoi cell holds the sensor point: its centre (X, Y) and the point's offset (a, b) from it."""
     px, py = x - frame.cx, y - frame.cy
@@ -87,7 +87,7 @@ def _lens_under(x: float, y: float, frame: Any) -> tuple[float, float, float, fl
     )
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
+@numba.njit(nogil=True, cache=True)
 def _disc(radius: float, limit: float, softness: float) -> float:
     """1 inside `limit`, 0 outside, a smooth step of width 2·softness between."""
     step = 0.5 + 0.5 * (limit - radius) / softness
@@ -95,7 +95,7 @@ def _disc(radius: float, limit: float, softness: float) -> float:
     return float(step * step * (3.0 - 2.0 * step))
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
+@numba.njit(nogil=True, cache=True)
 def _illumination(field_x: float, field_y: float, a: float, b: float, profile: Any) -> float:
     square = a * a + b * b
     if square > (profile.radius + profile.softness) ** 2:
@@ -109,41 +109,52 @@ def _illumination(field_x: float, field_y: float, a: float, b: float, profile: A
     return float(light * (1.0 - profile.falloff * (fx * fx + fy * fy)))
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
-def _opaque(mask: npt.NDArray[np.float32], x: float, y: float) -> bool:
+@numba.njit(nogil=True, cache=True)
+def _opaque(masks: npt.NDArray[np.float32], mask: int, x: float, y: float) -> bool:
     """Sign of a mask, bilinear, at the texel position (x, y); beyond the edge the edge's value holds."""
-    size = mask.shape[0]
+    size = masks.shape[1]
     x, y = min(max(x, 0.0), size - 1.001), min(max(y, 0.0), size - 1.001)
     i, j = int(x), int(y)
     fx, fy = x - i, y - j
-    top = mask[j, i] * (1.0 - fx) + mask[j, i + 1] * fx
-    bottom = mask[j + 1, i] * (1.0 - fx) + mask[j + 1, i + 1] * fx
+    top = masks[mask, j, i] * (1.0 - fx) + masks[mask, j, i + 1] * fx
+    bottom = masks[mask, j + 1, i] * (1.0 - fx) + masks[mask, j + 1, i + 1] * fx
     return bool(top * (1.0 - fy) + bottom * fy > 0.0)
 
 
 @numba.njit(nogil=True, cache=True)
-def _first_layer(x: float, y: float, a: float, b: float, scene: Any) -> tuple[int, float, float, float]:
+def _first_layer(
+    x: float,
+    y: float,
+    a: float,
+    b: float,
+    planes: npt.NDArray[np.float64],
+    bounds: npt.NDArray[np.float64],
+    mask_index: npt.NDArray[np.int64],
+    masks: npt.NDArray[np.float32],
+    mask_scale: float,
+) -> tuple[int, float, float, float]:
     """Nearest opaque layer along the ray, where (P) and at what disparity; layer −1 if there is none."""
     found, found_x, found_y, nearest = -1, 0.0, 0.0, -np.inf
-    for layer in range(scene.planes.shape[0]):
-        gx, gy = scene.planes[layer, 1], scene.planes[layer, 2]
-        d = (scene.planes[layer, 0] + gx * x + gy * y) / (1.0 - gx * a - gy * b)
+    for layer in range(planes.shape[0]):
+        gx, gy = planes[layer, 1], planes[layer, 2]
+        d = planes[layer, 0]
+        if gx != 0.0 or gy != 0.0:
+            d = (d + gx * x + gy * y) / (1.0 - gx * a - gy * b)
         if d <= nearest:
             continue
         px, py = x + d * a, y + d * b
-        bounds = scene.bounds[layer]
-        if px < bounds[0] or px > bounds[1] or py < bounds[2] or py > bounds[3]:
+        if px < bounds[layer, 0] or px > bounds[layer, 1] or py < bounds[layer, 2] or py > bounds[layer, 3]:
             continue
-        mask = scene.mask_index[layer]
+        mask = mask_index[layer]
         if mask >= 0:
-            middle = scene.masks.shape[1] // 2
-            if not _opaque(scene.masks[mask], px * scene.mask_scale + middle, py * scene.mask_scale + middle):
+            middle = masks.shape[1] // 2
+            if not _opaque(masks, mask, px * mask_scale + middle, py * mask_scale + middle):
                 continue
         found, found_x, found_y, nearest = layer, px, py, d
     return found, found_x, found_y, nearest
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
+@numba.njit(nogil=True, cache=True)
 def _weights(f: float) -> tuple[float, float, float, float]:
     """Cubic B-spline weights of the four texels about a position with fraction f."""
     g = 1.0 - f
@@ -156,25 +167,39 @@ def _weights(f: float) -> tuple[float, float, float, float]:
 
 
 @numba.njit(nogil=True, cache=True)
-def _texel(texture: npt.NDArray[np.float32], x: float, y: float) -> float:
+def _texel(textures: npt.NDArray[np.float32], index: int, channel: int, x: float, y: float) -> float:
     """Value of a periodic cubic B-spline at the texel position (x, y)."""
-    wrap = texture.shape[0] - 1
-    i, j = math.floor(x), math.floor(y)
+    wrap = textures.shape[2] - 1
+    i, j = int(math.floor(x)), int(math.floor(y))  # noqa: RUF046 - numba's floor gives a float
     wx, wy = _weights(x - i), _weights(y - j)
     i0, i1, i2, i3 = (i - 1) & wrap, i & wrap, (i + 1) & wrap, (i + 2) & wrap
     total = 0.0
     for k in range(4):
-        row = texture[(j - 1 + k) & wrap]
-        total += wy[k] * (wx[0] * row[i0] + wx[1] * row[i1] + wx[2] * row[i2] + wx[3] * row[i3])
+        row = (j - 1 + k) & wrap
+        total += wy[k] * (
+            wx[0] * textures[index, channel, row, i0]
+            + wx[1] * textures[index, channel, row, i1]
+            + wx[2] * textures[index, channel, row, i2]
+            + wx[3] * textures[index, channel, row, i3]
+        )
     return total
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
-def _colour(layer: int, x: float, y: float, channel: int, scene: Any) -> float:
-    frame = scene.frames[layer]
-    texture = scene.textures[scene.texture_index[layer], channel]
-    value = _texel(texture, frame[0] * x - frame[1] * y + frame[2], frame[1] * x + frame[0] * y + frame[3])
-    return float(value * scene.tints[layer, channel])
+@numba.njit(nogil=True, cache=True)
+def _colour(
+    layer: int,
+    x: float,
+    y: float,
+    channel: int,
+    texture_index: npt.NDArray[np.int64],
+    frames: npt.NDArray[np.float64],
+    tints: npt.NDArray[np.float32],
+    textures: npt.NDArray[np.float32],
+) -> float:
+    """Radiance of a layer at the point (x, y) of the scene."""
+    i = frames[layer, 0] * x - frames[layer, 1] * y + frames[layer, 2]
+    j = frames[layer, 1] * x + frames[layer, 0] * y + frames[layer, 3]
+    return float(_texel(textures, texture_index[layer], channel, i, j) * tints[layer, channel])
 
 
 @numba.njit(nogil=True, cache=True)
@@ -200,6 +225,14 @@ def expose(
     `rays` (n, 4): offsets (lens x, lens y in lens pitches, pixel x, pixel y in pixels) that are averaged. `cfa` (2, 2):
     channel of the top-left sensor pixels. Rays that meet nothing are dark.
     """
+    planes, bounds, mask_index, masks, scale = (
+        scene.planes,
+        scene.bounds,
+        scene.mask_index,
+        scene.masks,
+        scene.mask_scale,
+    )
+    texture_index, frames, tints, textures = scene.texture_index, scene.frames, scene.tints, scene.textures
     count = rays.shape[0]
     for row in range(out.shape[0]):
         y = first_row + row
@@ -211,10 +244,11 @@ def expose(
             total = 0.0
             for k in range(count):
                 layer, px, py, _ = _first_layer(
-                    lens_x + rays[k, 0], lens_y + rays[k, 1], a + rays[k, 2], b + rays[k, 3], scene
-                )
+                    lens_x + rays[k, 0], lens_y + rays[k, 1], a + rays[k, 2], b + rays[k, 3],
+                    planes, bounds, mask_index, masks, scale,
+                )  # fmt: skip
                 if layer >= 0:
-                    total += _colour(layer, px, py, channel, scene)
+                    total += _colour(layer, px, py, channel, texture_index, frames, tints, textures)
             out[row, x] *= total / count
 
 
@@ -223,9 +257,16 @@ def view_disparity(
     out: npt.NDArray[np.float32], x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], a: float, b: float, scene: Any
 ) -> None:
     """Disparity of the points seen at the lens positions (x, y) under the angle (a, b), into `out` (same shape)."""
+    planes, bounds, mask_index, masks, scale = (
+        scene.planes,
+        scene.bounds,
+        scene.mask_index,
+        scene.masks,
+        scene.mask_scale,
+    )
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
-            layer, _, _, d = _first_layer(x[i, j], y[i, j], a, b, scene)
+            layer, _, _, d = _first_layer(x[i, j], y[i, j], a, b, planes, bounds, mask_index, masks, scale)
             out[i, j] = d if layer >= 0 else np.nan
 
 
@@ -240,14 +281,24 @@ def view_radiance(
     rays: npt.NDArray[np.float64],
 ) -> None:
     """Radiance (R, G, B) seen at the lens positions (x, y) under the angle (a, b), into `out` (rows, columns, 3)."""
+    planes, bounds, mask_index, masks, scale = (
+        scene.planes,
+        scene.bounds,
+        scene.mask_index,
+        scene.masks,
+        scene.mask_scale,
+    )
+    texture_index, frames, tints, textures = scene.texture_index, scene.frames, scene.tints, scene.textures
     count = rays.shape[0]
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             out[i, j, :] = 0.0
             for k in range(count):
                 layer, px, py, _ = _first_layer(
-                    x[i, j] + rays[k, 0], y[i, j] + rays[k, 1], a + rays[k, 2], b + rays[k, 3], scene
-                )
+                    x[i, j] + rays[k, 0], y[i, j] + rays[k, 1], a + rays[k, 2], b + rays[k, 3],
+                    planes, bounds, mask_index, masks, scale,
+                )  # fmt: skip
                 if layer >= 0:
                     for channel in range(3):
-                        out[i, j, channel] += _colour(layer, px, py, channel, scene) / count
+                        radiance = _colour(layer, px, py, channel, texture_index, frames, tints, textures)
+                        out[i, j, channel] += radiance / count

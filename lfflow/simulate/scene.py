@@ -94,6 +94,7 @@ class Scene:
 
 
 def _pack(layers: Sequence[Layer]) -> SceneArrays:
+    layers = sorted(layers, key=lambda layer: -layer.disparity)  # front to back, so that few masks are looked at
     textures = list({id(layer.texture): layer.texture for layer in layers}.values())
     outlines = list({id(layer.outline): layer.outline for layer in layers if layer.outline is not None}.values())
     texture_ids, outline_ids = [id(t) for t in textures], [id(o) for o in outlines]
