@@ -12,9 +12,15 @@ from xarray.backends import BackendEntrypoint
 
 from lfflow.formats.container import is_container
 from lfflow.formats.errors import UnknownFormatError
+from lfflow.formats.eslf import open_eslf
 from lfflow.formats.lfp import Image
 from lfflow.formats.opening import is_address, open_picture
+from lfflow.formats.png import SIGNATURE
 from lfflow.formats.raw_pair import is_pair
+from lfflow.formats.toolbox import is_toolbox, open_toolbox
+from lfflow.formats.views import is_view_folder, open_views
+
+_HEAD_BYTES = 128
 
 
 class LfpEntrypoint(BackendEntrypoint):
@@ -46,6 +52,59 @@ class LfpEntrypoint(BackendEntrypoint):
         return is_pair(filename_or_obj) or is_address(os.fspath(filename_or_obj))
 
 
+class ViewsEntrypoint(BackendEntrypoint):
+    """Engine "views": folders of view images."""
+
+    description: ClassVar[str] = "Folders of view images (HCI names)"
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables")
+
+    def open_dataset(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None) -> xr.Dataset:
+        """Open a folder lazily; see `lfflow.formats.views.open_views`."""
+        return without(open_views(path_of(filename_or_obj)), drop_variables)
+
+    def guess_can_open(self, filename_or_obj: Any) -> bool:
+        """Whether it is a folder with view images in it."""
+        return isinstance(filename_or_obj, str | os.PathLike) and is_view_folder(filename_or_obj)
+
+
+class EslfEntrypoint(BackendEntrypoint):
+    """Engine "eslf": lenslet pictures."""
+
+    description: ClassVar[str] = "Lenslet pictures (Stanford's _eslf.png)"
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables", "views")
+
+    def open_dataset(
+        self,
+        filename_or_obj: Any,
+        *,
+        drop_variables: str | Iterable[str] | None = None,
+        views: int | None = None,
+    ) -> xr.Dataset:
+        """Open a picture lazily; see `lfflow.formats.eslf.open_eslf`."""
+        return without(open_eslf(path_of(filename_or_obj), views=views), drop_variables)
+
+    def guess_can_open(self, filename_or_obj: Any) -> bool:
+        """Whether it is a PNG whose name ends as Stanford's do."""
+        if head_of(filename_or_obj)[:8] != SIGNATURE:
+            return False
+        return os.fspath(filename_or_obj).lower().endswith("eslf.png")
+
+
+class ToolboxEntrypoint(BackendEntrypoint):
+    """Engine "lftoolbox": light fields of LFToolbox."""
+
+    description: ClassVar[str] = "Light fields of LFToolbox (.mat)"
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables")
+
+    def open_dataset(self, filename_or_obj: Any, *, drop_variables: str | Iterable[str] | None = None) -> xr.Dataset:
+        """Open a file lazily; see `lfflow.formats.toolbox.open_toolbox`."""
+        return without(open_toolbox(path_of(filename_or_obj)), drop_variables)
+
+    def guess_can_open(self, filename_or_obj: Any) -> bool:
+        """Whether the file begins as a MATLAB file of version 5."""
+        return is_toolbox(head_of(filename_or_obj))
+
+
 def path_of(filename_or_obj: Any) -> str:
     """Path that an engine was asked to open."""
     if isinstance(filename_or_obj, str | os.PathLike):
@@ -59,7 +118,7 @@ def head_of(filename_or_obj: Any) -> bytes:
         return b""
     try:
         with Path(filename_or_obj).open("rb") as file:
-            return file.read(16)
+            return file.read(_HEAD_BYTES)
     except (OSError, ValueError):
         return b""
 
