@@ -87,7 +87,7 @@ class EslfEntrypoint(BackendEntrypoint):
         """Whether it is a PNG whose name ends as Stanford's do."""
         if head_of(filename_or_obj)[:8] != SIGNATURE:
             return False
-        return os.fspath(filename_or_obj).lower().endswith("eslf.png")
+        return str(filename_or_obj).lower().endswith("eslf.png")
 
 
 class ToolboxEntrypoint(BackendEntrypoint):

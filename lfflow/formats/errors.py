@@ -24,7 +24,9 @@ class FileFormatError(FormatError):
         self.path, self.where, self.found, self.expected = path, where, found, expected
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.where}: found {self.found}, expected {self.expected}"
+        text = f"{self.path}: {self.where}: found {self.found}, expected {self.expected}"
+        # Names and values come from the file: what would move the cursor or end the line is spelt out.
+        return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 class UnreadableError(FileFormatError):
