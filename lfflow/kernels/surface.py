@@ -1,0 +1,175 @@
+"""Variational refinement: a surface with little curvature through the local parabolas of a cost volume.
+
+Minimises Σ w (d − d*)² + Σ g (second difference of d along each lattice axis)², where (d*, w) is the parabola of the
+volume at the present d and g falls with the guide's edges and with the present second difference (so that jumps stay).
+Where nothing is known (w ≈ 0) the surface continues its surroundings.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+_FLAGS = {"nsz", "contract"}
+# axis, row parity, (t, s) of the neighbour before and of the one after
+_SQUARE = np.array([[[0, -1, 0, 1]] * 2, [[-1, 0, 1, 0]] * 2, [[-1, -1, 1, 1]] * 2, [[-1, 1, 1, -1]] * 2])
+_BRICK = np.array([[[0, -1, 0, 1]] * 2, [[-1, -1, 1, 0], [-1, 0, 1, 1]], [[-1, 0, 1, -1], [-1, 1, 1, 0]]])
+
+
+def smooth_surface(
+    volume: FloatArray,
+    hypotheses: FloatArray,
+    start: FloatArray,
+    noise: float,
+    views: int,
+    guide: FloatArray,
+    *,
+    stiffness: float = 2e4,
+    jump: float = 0.08,
+    edge: float = 0.05,
+    rounds: int = 4,
+    iterations: int = 40,
+    anchor: float = 1.0,
+    brick: bool = False,
+) -> tuple[FloatArray, FloatArray]:
+    """Disparity (t, s) and the information (1/variance) of its data.
+
+    Parameters
+    ----------
+    volume
+        (t, hypothesis, s) variance of the colours of `views` views; NaN where undefined.
+    hypotheses
+        (hypothesis,) equally spaced disparities.
+    start
+        (t, s) first disparity.
+    noise
+        Variance that remains at the true disparity.
+    guide
+        (t, s, channel) picture whose edges (in units of `edge`) loosen the surface.
+    stiffness
+        1/variance of the second difference on a surface.
+    jump
+        Second difference at which the surface may break.
+    anchor
+        Information with which the first disparity is held.
+    """
+    axes = _BRICK if brick else _SQUARE
+    first = np.asarray(start, dtype=np.float32)
+    d = first.copy()
+    picture = np.ascontiguousarray(guide, dtype=np.float32)
+    target, weight = np.empty_like(d), np.empty_like(d)
+    step = np.float32((hypotheses[-1] - hypotheses[0]) / max(len(hypotheses) - 1, 1))
+    for _ in range(rounds):
+        _parabola(volume, np.float32(hypotheses[0]), step, d, np.float32(noise), np.float32(views / 2), target, weight)
+        bond = _bonds(d, picture, axes, np.float32(stiffness), np.float32(jump), np.float32(edge))
+        pull = weight * target + np.float32(anchor) * first
+        _solve(d, weight + np.float32(anchor), pull, bond, axes, iterations)
+        np.clip(d, first - 4 * step, first + 4 * step, out=d)
+    return d, weight
+
+
+@numba.njit(nogil=True, cache=True)
+def _parabola(volume, first, step, d, noise, factor, target, weight):  # type: ignore[no-untyped-def]
+    rows, labels, columns = volume.shape
+    for t in range(rows):
+        for s in range(columns):
+            h = int(np.floor((d[t, s] - first) / step + np.float32(0.5)))
+            h = min(max(h, 1), labels - 2)
+            low, mid, high = volume[t, h - 1, s], volume[t, h, s], volume[t, h + 1, s]
+            bend = low - 2 * mid + high
+            target[t, s], weight[t, s] = d[t, s], 0
+            if bend > 0:  # False for NaN
+                shift = np.float32(0.5) * (low - high) / bend
+                shift = min(max(shift, np.float32(-2)), np.float32(2))
+                target[t, s] = first + step * (h + shift)
+                weight[t, s] = factor * bend / (step * step) / (noise + max(mid, np.float32(0)))
+
+
+@numba.njit(nogil=True, cache=True)
+def _bonds(d, guide, axes, stiffness, jump, edge):  # type: ignore[no-untyped-def]
+    rows, columns, channels = guide.shape
+    count = axes.shape[0]
+    bond = np.zeros((count, rows, columns), dtype=np.float32)
+    for k in range(count):
+        for t in range(1, rows - 1):
+            t0, s0, t1, s1 = axes[k, t % 2]
+            for s in range(1, columns - 1):
+                bend = d[t + t0, s + s0] - 2 * d[t, s] + d[t + t1, s + s1]
+                change = np.float32(0)
+                for c in range(channels):
+                    here = guide[t, s, c]
+                    change += max(abs(guide[t + t0, s + s0, c] - here), abs(guide[t + t1, s + s1, c] - here))
+                change /= channels * edge
+                robust = np.float32(1) + (bend / jump) ** 2
+                bond[k, t, s] = stiffness / (robust * robust) / (np.float32(1) + change * change)
+    return bond
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _apply(d, weight, bond, axes, out):  # type: ignore[no-untyped-def]
+    rows, columns = d.shape
+    for t in range(rows):
+        for s in range(columns):
+            out[t, s] = weight[t, s] * d[t, s]
+    for k in range(axes.shape[0]):
+        for t in range(1, rows - 1):
+            t0, s0, t1, s1 = axes[k, t % 2]
+            before, here, after = d[t + t0], d[t], d[t + t1]
+            to_before, to_here, to_after = out[t + t0], out[t], out[t + t1]
+            for s in range(1, columns - 1):
+                force = bond[k, t, s] * (before[s + s0] - 2 * here[s] + after[s + s1])
+                to_before[s + s0] += force
+                to_here[s] -= 2 * force
+                to_after[s + s1] += force
+
+
+@numba.njit(nogil=True, cache=True)
+def _diagonal(weight, bond, axes):  # type: ignore[no-untyped-def]
+    rows, columns = weight.shape
+    diagonal = weight.copy()
+    for k in range(axes.shape[0]):
+        for t in range(1, rows - 1):
+            t0, s0, t1, s1 = axes[k, t % 2]
+            for s in range(1, columns - 1):
+                diagonal[t, s] += 4 * bond[k, t, s]
+                diagonal[t + t0, s + s0] += bond[k, t, s]
+                diagonal[t + t1, s + s1] += bond[k, t, s]
+    return diagonal
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _solve(d, weight, pull, bond, axes, iterations):  # type: ignore[no-untyped-def]
+    """Conjugate gradients with the diagonal as preconditioner, started from `d`, in place."""
+    rows, columns = d.shape
+    diagonal = _diagonal(weight, bond, axes)
+    product = np.empty_like(d)
+    _apply(d, weight, bond, axes, product)
+    rest = pull - product
+    way = rest / diagonal
+    energy = 0.0
+    for t in range(rows):
+        for s in range(columns):
+            energy += rest[t, s] * way[t, s]
+    for _ in range(iterations):
+        _apply(way, weight, bond, axes, product)
+        bend = 0.0
+        for t in range(rows):
+            for s in range(columns):
+                bend += way[t, s] * product[t, s]
+        if bend <= 0 or energy <= 0:
+            return
+        length = np.float32(energy / bend)
+        fresh = 0.0
+        for t in range(rows):
+            for s in range(columns):
+                d[t, s] += length * way[t, s]
+                rest[t, s] -= length * product[t, s]
+                fresh += rest[t, s] * rest[t, s] / diagonal[t, s]
+        keep = np.float32(fresh / energy)
+        energy = fresh
+        for t in range(rows):
+            for s in range(columns):
+                way[t, s] = rest[t, s] / diagonal[t, s] + keep * way[t, s]

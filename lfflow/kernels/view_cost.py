@@ -1,0 +1,194 @@
+"""Cost volume of the central view against full-colour views around it, with occlusion chosen out by half planes."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
+
+_FLAGS = {"nsz", "contract", "reassoc", "arcp"}
+
+
+def padded(views: FloatArray, margin: int) -> FloatArray:
+    """Views (view, t, s, channel) as (view, channel, t + 2·margin, s + 2·margin) with repeated borders."""
+    planes = np.moveaxis(views, -1, 1)
+    return np.ascontiguousarray(np.pad(planes, ((0, 0), (0, 0), (margin, margin), (margin, margin)), mode="edge"))
+
+
+def sectors(u: IntArray, v: IntArray) -> IntArray:
+    """Sector 0..7 (by 45°, sector 0 around +u) of each view offset."""
+    return np.round(np.arctan2(v, u) / (np.pi / 4)).astype(np.int64) % 8
+
+
+@numba.njit(nogil=True, cache=True)
+def cubic(fraction):  # type: ignore[no-untyped-def]
+    """Weights of the four samples around a position between the middle two (Keys 1981, a = −1/2)."""
+    f = np.float32(fraction)
+    half = np.float32(0.5)
+    one = np.float32(1)
+    two = np.float32(2)
+    return (
+        half * f * (-one + f * (two - f)),
+        one + half * f * f * (np.float32(3) * f - np.float32(5)),
+        half * f * (one + f * (np.float32(4) - np.float32(3) * f)),
+        half * f * f * (f - one),
+    )
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _sample(plane, top, left, fy, fx, blend, out):  # type: ignore[no-untyped-def]
+    """Row of a plane at a fractional position; (top, left) is the second of the four cubic samples."""
+    columns = out.shape[0]
+    a, b, c, d = cubic(fy)
+    r0 = plane[top - 1, left - 1 : left + columns + 2]
+    r1 = plane[top, left - 1 : left + columns + 2]
+    r2 = plane[top + 1, left - 1 : left + columns + 2]
+    r3 = plane[top + 2, left - 1 : left + columns + 2]
+    for s in range(columns + 3):
+        blend[s] = a * r0[s] + b * r1[s] + c * r2[s] + d * r3[s]
+    a, b, c, d = cubic(fx)
+    b0 = blend[0:columns]
+    b1 = blend[1 : columns + 1]
+    b2 = blend[2 : columns + 2]
+    b3 = blend[3 : columns + 3]
+    for s in range(columns):
+        out[s] = a * b0[s] + b * b1[s] + c * b2[s] + d * b3[s]
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _half_planes(mean, square, share, centre, own, out):  # type: ignore[no-untyped-def]
+    """Smallest variance over the eight half planes of four neighbouring sectors, the centre counted `own` times."""
+    channels, columns = centre.shape
+    for s in range(columns):
+        out[s] = np.float32(1e30)
+    for k in range(8):
+        k1, k2, k3 = (k + 1) % 8, (k + 2) % 8, (k + 3) % 8
+        n = share[k] + share[k1] + share[k2] + share[k3]
+        if n == 0:
+            continue
+        inverse = np.float32(1) / (n + own)
+        spread = np.float32(1) / (n + own - np.float32(1))
+        for s in range(columns):
+            value = square[k, s] + square[k1, s] + square[k2, s] + square[k3, s]
+            for c in range(channels):
+                first = mean[k, c, s] + mean[k1, c, s] + mean[k2, c, s] + mean[k3, c, s]
+                value -= first * first * inverse
+            out[s] = min(out[s], value * spread)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _collect(views, q, t, d, u, v, margin, centre, blend, sample):  # type: ignore[no-untyped-def]
+    """Differences (channel, s) of row t of view q, seen at disparity d, to the centre."""
+    x, y = -d * u, t - d * v
+    left, top = int(np.floor(x)), int(np.floor(y))
+    for c in range(centre.shape[0]):
+        _sample(views[q, c], top + margin, left + margin, y - top, x - left, blend, sample[c])
+        row, reference = sample[c], centre[c, t]
+        for s in range(row.shape[0]):
+            row[s] -= reference[s]
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def half_plane_volume(views, centre, u, v, sector, margin, hypotheses):  # type: ignore[no-untyped-def]
+    """Variance (t, hypothesis, s) of the samples of the best half plane of views, summed over the channels.
+
+    Parameters
+    ----------
+    views
+        (view, channel, t, s) padded by `margin` > max |d·u| + 2.
+    centre
+        (channel, t, s), not padded.
+    u, v, sector
+        (view,) offsets and sectors.
+    hypotheses
+        (hypothesis,) disparities.
+    """
+    count, channels = views.shape[0], views.shape[1]
+    rows, columns = centre.shape[1], centre.shape[2]
+    out = np.empty((rows, hypotheses.shape[0], columns), dtype=np.float32)
+    blend = np.empty(columns + 3, dtype=np.float32)
+    sample = np.empty((channels, columns), dtype=np.float32)
+    mean = np.empty((8, channels, columns), dtype=np.float32)
+    square = np.empty((8, columns), dtype=np.float32)
+    share = np.zeros(8, dtype=np.float32)
+    for q in range(count):
+        share[sector[q]] += 1
+    for t in range(rows):
+        for h in range(hypotheses.shape[0]):
+            mean[:] = 0
+            square[:] = 0
+            for q in range(count):
+                _collect(views, q, t, hypotheses[h], u[q], v[q], margin, centre, blend, sample)
+                second = square[sector[q]]
+                for c in range(channels):
+                    first, row = mean[sector[q], c], sample[c]
+                    for s in range(columns):
+                        first[s] += row[s]
+                        second[s] += row[s] * row[s]
+            _half_planes(mean, square, share, centre[:, t], np.float32(1), out[t, h])
+    return out
+
+
+@numba.njit(nogil=True, cache=True)
+def surface_in_view(disparity, u, v, margin):  # type: ignore[no-untyped-def]
+    """Largest disparity (t, s; padded by `margin`) that the central map puts on each pixel of view (u, v)."""
+    rows, columns = disparity.shape
+    out = np.full((rows + 2 * margin, columns + 2 * margin), np.float32(-1e30), dtype=np.float32)
+    for t in range(rows):
+        for s in range(columns):
+            d = disparity[t, s]
+            x = int(np.floor(s - d * u + np.float32(0.5))) + margin
+            y = int(np.floor(t - d * v + np.float32(0.5))) + margin
+            if x < 0 or y < 0 or y >= out.shape[0] or x >= out.shape[1]:
+                continue
+            if d > out[y, x]:
+                out[y, x] = d
+    return out
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def visible_volume(views, centre, surfaces, u, v, margin, hypotheses, tolerance, least):  # type: ignore[no-untyped-def]
+    """Variance (t, hypothesis, s) of the samples of the views in which a surface does not hide the place.
+
+    As `half_plane_volume`, with `surfaces` (view, t, s) padded by `margin` from `surface_in_view`; a view is left out
+    where its surface is nearer than the hypothesis by more than `tolerance`. Where less than the share `least` of the
+    views is left the cost is NaN.
+    """
+    count, channels = views.shape[0], views.shape[1]
+    rows, columns = centre.shape[1], centre.shape[2]
+    out = np.empty((rows, hypotheses.shape[0], columns), dtype=np.float32)
+    blend = np.empty(columns + 3, dtype=np.float32)
+    sample = np.empty((channels, columns), dtype=np.float32)
+    mean = np.empty((channels, columns), dtype=np.float32)
+    square = np.empty(columns, dtype=np.float32)
+    number = np.empty(columns, dtype=np.float32)
+    weight = np.empty(columns, dtype=np.float32)
+    enough = np.float32(least * count)
+    for t in range(rows):
+        for h in range(hypotheses.shape[0]):
+            d = hypotheses[h]
+            mean[:] = 0
+            square[:] = 0
+            number[:] = 1
+            bar = np.float32(d + tolerance)
+            for q in range(count):
+                _collect(views, q, t, d, u[q], v[q], margin, centre, blend, sample)
+                left = int(np.floor(margin - d * u[q] + np.float32(0.5)))
+                hidden = surfaces[q, int(np.floor(t + margin - d * v[q] + np.float32(0.5))), left : left + columns]
+                for s in range(columns):
+                    weight[s] = np.float32(1) if hidden[s] <= bar else np.float32(0)
+                    number[s] += weight[s]
+                for c in range(channels):
+                    first, row = mean[c], sample[c]
+                    for s in range(columns):
+                        first[s] += weight[s] * row[s]
+                        square[s] += weight[s] * row[s] * row[s]
+            for s in range(columns):
+                value = square[s]
+                for c in range(channels):
+                    value -= mean[c, s] * mean[c, s] / number[s]
+                out[t, h, s] = value / max(number[s] - np.float32(1), np.float32(1)) if number[s] > enough else np.nan
+    return out
