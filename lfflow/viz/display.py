@@ -41,7 +41,25 @@ def view_colours(lightfield: xr.Dataset, v: int, u: int) -> FloatImage:
             total[channel][here] += share * mosaic[here]
             weight[channel][here] += share
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.moveaxis(total / weight, 0, -1)
+        return np.moveaxis(_without_holes(total / weight), 0, -1)
+
+
+def _without_holes(channels: FloatImage) -> FloatImage:
+    """Channels (channel, t, s) with single missing lenses filled by the mean of their four neighbours."""
+    padded = np.pad(channels, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
+    around = np.stack([padded[:, :-2, 1:-1], padded[:, 2:, 1:-1], padded[:, 1:-1, :-2], padded[:, 1:-1, 2:]])
+    enough = np.isfinite(around).sum(axis=0) >= 3
+    mean = np.nansum(around, axis=0) / np.maximum(np.isfinite(around).sum(axis=0), 1)
+    return np.where(np.isfinite(channels) | ~enough, channels, mean)
+
+
+def shown_box(square: FloatImage) -> tuple[int, int, int, int]:
+    """First and last row and column (y0, y1, x0, x1) of a picture that are known in their greater part."""
+    known = np.isfinite(square).reshape(*square.shape[:2], -1).any(axis=-1)
+    rows, columns = (np.flatnonzero(known.mean(axis=axis) > 0.5) for axis in (1, 0))
+    if not rows.size or not columns.size:
+        return 0, square.shape[0], 0, square.shape[1]
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
 def to_square(lenses: FloatImage, lightfield: xr.Dataset) -> FloatImage:

@@ -11,10 +11,12 @@ import xarray as xr
 
 from lfflow.schema import lattice_of
 from lfflow.viz.display import (
+    LENS_PIXELS,
     FloatImage,
     graded_radiance,
     one_capture,
     outer_view,
+    shown_box,
     to_square,
     to_srgb,
     view_colours,
@@ -48,21 +50,24 @@ def quicklook_figure(lightfield: xr.Dataset, disparity: xr.Dataset) -> Any:
 
     figure = Figure(figsize=(15, 11.6), dpi=100, facecolor=_PAPER)
     grid = figure.add_gridspec(
-        3, 3, height_ratios=(1, 0.26, 1), left=0.02, right=0.98, top=0.93, bottom=0.03, hspace=0.13, wspace=0.05
+        3, 3, height_ratios=(1, 0.26, 1), left=0.02, right=0.98, top=0.93, bottom=0.03, hspace=0.13, wspace=0.09
     )
     side = outer_view(lightfield)
     colours = {u: view_colours(lightfield, 0, u) for u in (-side, 0, side)}
     white = _white(colours[0], lightfield)
     row = telling_row(disparity)
+    squares = {u: to_square(colours[u], lightfield) for u in colours}
+    box = shown_box(squares[0])
     for place, (u, label) in enumerate(zip((-side, 0, side), ("left", "centre", "right"), strict=True)):
         axes = figure.add_subplot(grid[0, place])
-        axes.imshow(to_srgb(to_square(colours[u], lightfield), lightfield, white=white))
+        axes.imshow(to_srgb(squares[u], lightfield, white=white))
+        _crop(axes, box)
         _title(axes, f"{label} view (v = 0, u = {u})")
         if u == 0:
-            place_y = (row + 0.5) * lattice_of(lightfield).row_pitch * 2
+            place_y = (row + 0.5) * lattice_of(lightfield).row_pitch * LENS_PIXELS
             axes.axhline(place_y, color="#ffffff", linewidth=0.7, linestyle=(0, (6, 6)))
     _draw_epi(figure.add_subplot(grid[1, :]), lightfield, row, white)
-    _draw_maps(figure, grid, lightfield, disparity)
+    _draw_maps(figure, grid, lightfield, disparity, box)
     _write_text(figure.add_subplot(grid[2, 2]), lightfield, disparity)
     name = lightfield["capture"].item() if "capture" in lightfield.coords else "capture"
     figure.suptitle(str(name), x=0.022, y=0.975, ha="left", fontsize=20, color=_INK, fontweight="bold")
@@ -128,7 +133,15 @@ def _filled(line: FloatImage) -> FloatImage:
     return filled
 
 
-def _draw_maps(figure: Any, grid: Any, lightfield: xr.Dataset, disparity: xr.Dataset) -> None:
+def _crop(axes: Any, box: tuple[int, int, int, int]) -> None:
+    y0, y1, x0, x1 = box
+    axes.set_xlim(x0 - 0.5, x1 - 0.5)
+    axes.set_ylim(y1 - 0.5, y0 - 0.5)
+
+
+def _draw_maps(
+    figure: Any, grid: Any, lightfield: xr.Dataset, disparity: xr.Dataset, box: tuple[int, int, int, int]
+) -> None:
     values, error = central(disparity, "disparity"), central(disparity, "disparity_std")
     maps = (
         (values, robust_limits(values, 1, 99), "turbo", "disparity, lens pitches per view step"),
@@ -140,6 +153,7 @@ def _draw_maps(figure: Any, grid: Any, lightfield: xr.Dataset, disparity: xr.Dat
         square = to_square(field.astype(np.float32), lightfield)
         drawn = axes.imshow(np.ma.masked_invalid(square), cmap=colours, vmin=low, vmax=high, interpolation="nearest")
         _title(axes, label)
+        _crop(axes, box)
         bar = figure.colorbar(drawn, ax=axes, fraction=0.04, pad=0.015, extend="both")
         bar.ax.tick_params(labelsize=9, colors=_INK)
         bar.outline.set_visible(False)
