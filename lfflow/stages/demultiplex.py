@@ -81,7 +81,7 @@ def demultiplex(
     )
     field = xr.Dataset({"mosaic": mosaic, "cfa": cfa, "weight": weight}, coords=_axes(shape, radius))
     field = field.assign_coords(dict(zip(_LATTICE_NAMES, lattice, strict=True)))
-    field = field.assign_coords(_carried(raw))
+    field = field.assign_coords(_carried(raw) | _white_image(cal))
     return LIGHTFIELD.annotate(field)
 
 
@@ -114,7 +114,7 @@ def _grid(
             "the camera is unknown and its calibration is not computed yet, so the size of the light field cannot be "
             "told: give shape=(rows, columns) and radius=…, or call cal.compute() before"
         )
-    lattices = _lattices([cal[name].values for name in _LATTICE_NAMES])
+    lattices = lattices_from([cal[name].values for name in _LATTICE_NAMES])
     grids = [lattice.grid_shape(*size) for lattice in lattices]
     if shape is None:
         shape = (max(rows for rows, _ in grids), max(columns for _, columns in grids))
@@ -130,7 +130,7 @@ def _camera_model(raw: xr.Dataset) -> str:
     return models.pop() if models else ""
 
 
-def _lattices(numbers: list[npt.NDArray[Any]]) -> list[Lattice]:
+def lattices_from(numbers: list[npt.NDArray[Any]]) -> list[Lattice]:
     """Lattices from arrays of dh, dv, theta, cx, cy and arrangement that broadcast."""
     columns = [array.ravel().tolist() for array in np.broadcast_arrays(*numbers)]
     return [
@@ -140,7 +140,7 @@ def _lattices(numbers: list[npt.NDArray[Any]]) -> list[Lattice]:
 
 def _anchored_origin(*numbers: Any, size: tuple[int, int], shape: tuple[int, int]) -> tuple[Any, Any]:
     outer = np.broadcast_shapes(*(np.shape(array) for array in numbers))
-    anchored = [lattice.anchored(*size, shape) for lattice in _lattices([np.asarray(array) for array in numbers])]
+    anchored = [lattice.anchored(*size, shape) for lattice in lattices_from([np.asarray(array) for array in numbers])]
     cx = np.array([lattice.cx for lattice in anchored]).reshape(outer)
     cy = np.array([lattice.cy for lattice in anchored]).reshape(outer)
     return cx, cy
@@ -168,7 +168,7 @@ def _demultiplex_block(
     patterns, *lattice_numbers = (np.broadcast_to(a, outer) for a in scalars)
     views = 2 * radius + 1
     out = empty_field((*outer, views, views, *shape))
-    for index, lattice in zip(np.ndindex(outer), _lattices(lattice_numbers), strict=True):
+    for index, lattice in zip(np.ndindex(outer), lattices_from(lattice_numbers), strict=True):
         demultiplex_frame(
             raw[index],
             vignetting[index],
@@ -206,3 +206,12 @@ def _carried(raw: xr.Dataset) -> dict[Hashable, xr.DataArray]:
         if name in raw.coords and not set(raw[name].dims) & set(SENSOR_DIMS)
     ]
     return {name: raw[name].reset_coords(drop=True) if name not in raw[name].dims else raw[name] for name in names}
+
+
+def _white_image(cal: xr.Dataset) -> dict[Hashable, xr.DataArray]:
+    """Which white image the calibration is of, and how far it is from the picture, where the calibration tells."""
+    found = {name: cal[name] for name in ("white_image", "white_distance") if name in cal.variables}
+    white = "kind" not in cal.coords or bool((cal["kind"] == "white").all())
+    if white and "white_image" not in found and "capture" in cal.coords and not cal["capture"].dims:
+        found["white_image"] = cal["capture"]
+    return {name: array.reset_coords(drop=True).rename(name) for name, array in found.items()}
