@@ -103,4 +103,4 @@ class EslfArray(BackendArray):
         if picture.shape != (rows * side, columns * side, 3):
             raise StructureError(self.path, "size", f"{picture.shape[:2]}", f"{(rows * side, columns * side)}")
         lenses = picture.reshape(rows, side, columns, side, 3)
-        return np.ascontiguousarray(as_floats(lenses.transpose(1, 3, 0, 2, 4)[key]))
+        return np.array(as_floats(lenses.transpose(1, 3, 0, 2, 4)[key]), order="C")

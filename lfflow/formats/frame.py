@@ -53,7 +53,6 @@ class Frame:
         coords |= {name: _variable(name, dims, value) for name, (dims, value) in self.metadata.coords.items()}
         samples = indexing.LazilyIndexedArray(FrameArray(self.region, layout))
         raw = xr.Variable(("y", "x"), samples, RAW["raw"].attrs)
-        raw.encoding["preferred_chunks"] = {"y": layout.height, "x": layout.width}
         attrs: dict[str, Any] = {"schema": RAW.name, "schema_version": RAW.version, "damaged": "; ".join(self.damaged)}
         attrs |= {name: self.documents.get(name, EMPTY).text for name in ("metadata", "private_metadata")}
         attrs |= {name: document.text for name, document in self.documents.items()}
@@ -88,11 +87,9 @@ class FrameArray(BackendArray):
 
     def _window(self, key: tuple[int | slice, int | slice]) -> npt.NDArray[np.uint16]:
         row, column = key
-        if not isinstance(row, slice):
-            row = int(row)
-            return np.ascontiguousarray(self.rows(row, row + 1)[0][column])
         wanted = range(self.layout.height)[row]
+        if isinstance(wanted, int):
+            return np.array(self.rows(wanted, wanted + 1)[0][column], order="C")
         if not wanted:
             return np.empty((0, self.layout.width), np.uint16)[:, column]
-        first, last = min(wanted), max(wanted) + 1
-        return np.ascontiguousarray(self.rows(first, last)[:: wanted.step][:, column])
+        return np.array(self.rows(min(wanted), max(wanted) + 1)[:: wanted.step][:, column], order="C")

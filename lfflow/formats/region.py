@@ -35,11 +35,14 @@ _lock = threading.Lock()
 def open_binary(path: str) -> Iterator[BinaryIO]:
     """File opened for reading; a file that the system refuses is an `UnreadableError`."""
     try:
-        with open(path, "rb") as file:  # noqa: PTH123 - Path.open costs twice the time and is called per window
+        file = open(path, "rb")  # noqa: PTH123, SIM115 - Path.open costs twice the time; closed below
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
+        raise UnreadableError(path, "file", getattr(error, "strerror", error), "a readable file") from error
+    with file:
+        try:
             yield file
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UnreadableError(path, "file", reason, "a readable file") from error
+        except OSError as error:
+            raise UnreadableError(path, "file", error.strerror, "a readable file") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,7 +160,7 @@ class JpegStack(BackendArray):
     def _read(self, key: tuple[Any, ...]) -> npt.NDArray[np.uint8]:
         wanted = range(len(self.regions))[key[0]]
         if isinstance(wanted, int):
-            return np.ascontiguousarray(self._decode(wanted)[key[1:]])
+            return np.array(self._decode(wanted)[key[1:]], order="C")
         layers = [self._decode(number)[key[1:]] for number in wanted]
         empty = np.empty(self.shape[1:], np.uint8)[key[1:]]
         return np.stack(layers) if layers else np.empty((0, *empty.shape), np.uint8)

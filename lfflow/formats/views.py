@@ -11,7 +11,6 @@ import configparser
 import math
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,8 @@ Floats = npt.NDArray[np.float32]
 def is_view_folder(path: str | os.PathLike[str]) -> bool:
     """Whether a folder holds view images by name."""
     try:
-        return any(_NAME.fullmatch(entry.name) for entry in os.scandir(path))
+        with os.scandir(path) as entries:
+            return any(_NAME.fullmatch(entry.name) for entry in entries)
     except OSError:
         return False
 
@@ -211,9 +211,9 @@ def _files(folder: str) -> dict[int, str]:
     return files
 
 
-def _names(folder: str) -> Iterator[str]:
+def _names(folder: str) -> list[str]:
     try:
-        yield from sorted(entry.name for entry in os.scandir(folder))
+        return sorted(os.listdir(folder))  # noqa: PTH208 - names are wanted
     except OSError as error:
         raise UnreadableError(folder, "folder", error.strerror, "a readable folder") from error
 

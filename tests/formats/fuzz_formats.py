@@ -1,0 +1,297 @@
+"""Feed broken files to every reader: ``python tests/formats/fuzz_formats.py --mutations 1000000``.
+
+Every mutant must end in success or in `FormatError`, within seconds and a bounded memory. With ``--coverage`` the same
+mutants are steered by atheris, where that is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import os
+import resource
+import signal
+import sys
+import tarfile
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from format_examples import PRIVATE, metadata_of
+from format_mutations import Container, mutate_bytes, mutate_json
+from scipy.io import savemat
+
+from lfflow.errors import FormatError
+from lfflow.formats.archives import archive_entries
+from lfflow.formats.container import open_container
+from lfflow.formats.describe import describe
+from lfflow.formats.eslf import open_eslf
+from lfflow.formats.frame import Frame, FrameArray
+from lfflow.formats.layout import PACKINGS
+from lfflow.formats.lfp import raw_frame
+from lfflow.formats.lfr import read_hot_pixels
+from lfflow.formats.opening import container_kind, open_picture
+from lfflow.formats.packing import pack
+from lfflow.formats.pfm import read_pfm
+from lfflow.formats.png import read_png, write_png
+from lfflow.formats.raw_pair import open_pair, pair_bytes
+from lfflow.formats.renderings import rendering
+from lfflow.formats.toolbox import open_toolbox
+from lfflow.formats.views import open_views
+
+SECONDS = 10
+HEIGHT, WIDTH = 6, 8
+Case = tuple[str, bytes]
+
+
+class Slow(BaseException):
+    """A reader took too long; no FormatError handler may swallow it."""
+
+
+def raw(bits: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(0).integers(0, 1 << bits, (HEIGHT, WIDTH)).astype(np.uint16)
+
+
+def jpeg() -> bytes:
+    import cv2
+
+    return cv2.imencode(".jpg", np.zeros((5, 7, 3), np.uint8))[1].tobytes()
+
+
+def containers() -> dict[str, Container]:
+    """One small container of every kind; "@name" stands for the id of a chunk."""
+    f01, illum = metadata_of("f01", HEIGHT, WIDTH), metadata_of("illum", HEIGHT, WIDTH)
+    packed, ten = pack(raw(12), PACKINGS[12, "big"]), pack(raw(10), PACKINGS[10, "little"])
+    frame = {"metadataRef": "@metadata", "privateMetadataRef": "@private", "imageRef": "@image"}
+    tags = {"vendorContent": {"com.lytro.tags": {"darkFrame": False, "modulationFrame": True}}}
+    picture = {"frameArray": [{"frame": frame, "parameters": tags}], "accelerationArray": []}
+    lfr = {"frame": {**frame, "modulationDataRef": "@white", "hotPixelRef": "@hot"}}
+    stack = {
+        "type": "com.lytro.acceleration.refocusStack",
+        "vendorContent": {
+            "depthLut": {"width": 2, "height": 2, "imageRef": "@lut"},
+            "imageArray": [{"width": 7, "height": 5, "lambda": n, "imageRef": "@jpeg"} for n in range(2)],
+        },
+    }
+    depth = {"width": 2, "height": 2, "depthMap": {"imageRef": "@lut"}, "confidenceMap": {"imageRef": "@lut"}}
+    web = {"width": 7, "height": 5, "perImage": [{"focus": 1, "imageRef": "@jpeg"}], "depthMap": {"width": 2, "height": 2, "imageRef": "@lut"}}  # fmt: skip  # noqa: E501
+    image, text = pair_bytes(raw(12), f01, PRIVATE)
+    files = [{"name": f"C:\\T1CALIB\\MOD_0000.{end}", "dataRef": f"@{end}"} for end in ("RAW", "TXT")]
+    lut = np.arange(4, dtype="<f4").tobytes()
+    hot = (2).to_bytes(4, "little") + np.arange(4, dtype="<i2").tobytes()
+    raw_chunks = {"metadata": f01, "private": PRIVATE, "image": packed}
+    lfr_chunks = {"metadata": illum, "private": PRIVATE, "image": ten, "white": ten[::-1], "hot": hot}
+    return {
+        "lfp": Container({"picture": picture}, raw_chunks),
+        "lfr": Container({"frames": [lfr], "views": []}, lfr_chunks),
+        "embedded": Container({"frames": [{"frame": {"metadata": illum, "privateMetadata": PRIVATE, "imageRef": "@image"}}]}, {"image": ten}),  # fmt: skip  # noqa: E501
+        "stk": Container({"picture": {"accelerationArray": [stack]}}, {"lut": lut, "jpeg": jpeg()}),
+        "dm": Container({"picture": {"accelerationArray": [{"vendorContent": depth}]}}, {"lut": lut}),
+        "web": Container({"frames": [], "views": [{"accelerations": [web]}]}, {"lut": lut, "jpeg": jpeg()}),
+        "storage": Container({"files": files}, {"RAW": image, "TXT": text}),
+    }  # fmt: skip
+
+
+def flat_files(folder: Path) -> dict[str, bytes]:
+    """One small file of every format that is no container."""
+    image, text = pair_bytes(raw(10), metadata_of("illum", HEIGHT, WIDTH), PRIVATE)
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.GNU_FORMAT) as tar:
+        for name, data in (("MOD_0000.RAW", image), ("MOD_0000.TXT", text), ("n" * 150, b"long")):
+            info = tarfile.TarInfo(name)
+            info.size = len(data)
+            tar.addfile(info, io.BytesIO(data))
+    write_png(folder / "seed.png", raw(8).astype(np.uint8), {"views": "2"})
+    lf = np.arange(3 * 3 * 2 * 2 * 4, dtype=np.uint16).reshape(3, 3, 2, 2, 4)
+    matrices = {}
+    for compressed in (False, True):
+        matrix = io.BytesIO()
+        savemat(matrix, {"other": np.arange(3), "LF": lf}, do_compression=compressed)
+        matrices[f"mat{compressed:d}"] = matrix.getvalue()
+    return {
+        "tar": buffer.getvalue(),
+        "png": (folder / "seed.png").read_bytes(),
+        "pfm": b"Pf\n4 3\n-1.0\n" + np.arange(12, dtype="<f4").tobytes(),
+        "cfg": b"[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 1.5\n",
+        **matrices,
+    }
+
+
+class Fuzzer:
+    """Makes mutants and feeds them to the readers; the same seed makes the same mutants."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.containers = containers()
+        self.flat = flat_files(folder)
+        self.pair_text = json_of(metadata_of("illum", HEIGHT, WIDTH))
+        self.kinds = [*self.containers, *self.flat, "pair"]
+        self.views = folder / "views"
+        self.views.mkdir()
+        (self.views / "input_Cam004.png").write_bytes(self.flat["png"])
+        (folder / "seed.png").unlink()
+        self.readers: dict[str, Callable[[Path], object]] = {
+            "tar": read_archive, "storage": read_archive, "png": read_picture, "pfm": read_pfm,
+            "mat0": lambda path: open_toolbox(path).load(), "mat1": lambda path: open_toolbox(path).load(),
+        }  # fmt: skip
+
+    def mutant(self, number: int) -> Case:
+        """Kind and bytes of one mutant."""
+        random = Random(number)  # noqa: S311
+        kind = random.choice(self.kinds)
+        if kind == "pair":
+            return kind, json_of(mutate_json(metadata_of("illum", HEIGHT, WIDTH), random))
+        if kind in self.flat:
+            return kind, mutate_bytes(self.flat[kind], random)
+        seed = self.containers[kind]
+        toc, chunks = seed.toc, dict(seed.chunks)
+        style = random.randrange(5)
+        if style == 0:
+            toc = mutate_json(toc, random)
+        elif style < 3:
+            name = random.choice(list(chunks))
+            chunk = chunks[name]
+            chunks[name] = mutate_bytes(chunk, random) if isinstance(chunk, bytes) else mutate_json(chunk, random)
+        data = Container(toc, chunks).to_bytes(random, wild=style == 3)
+        return kind, mutate_bytes(data, random) if style == 4 else data
+
+    def feed(self, kind: str, data: bytes, *, whole: bool) -> str:
+        """Outcome of one mutant: "read", or the name of the FormatError; anything else is raised."""
+        path = self.folder / {"png": "a_eslf.png", "pair": "MOD_0000.TXT"}.get(kind, "a.bin")
+        if kind == "cfg":
+            path = self.views / "parameters.cfg"
+        path.write_bytes(data)
+        try:
+            if kind == "pair":
+                (self.folder / "MOD_0000.RAW").write_bytes(pack(raw(10), PACKINGS[10, "little"]))
+                read_frame(open_pair(path))
+            elif kind == "cfg":
+                open_views(self.views)["rgb"].isel(v=0).load()
+            elif kind in self.readers:
+                self.readers[kind](path)
+            else:
+                read_container(path)
+            if whole:
+                str(describe(path))
+                if kind in self.containers:
+                    open_picture(path, accept_damaged=True).load()
+        except FormatError as error:
+            if len(str(error)) > 4000 or not str(error).isprintable():
+                raise AssertionError(f"message {str(error)[:200]!r}") from error
+            return type(error).__name__
+        return "read"
+
+
+def json_of(value: Any) -> bytes:
+    import json
+
+    return json.dumps(value).encode()
+
+
+def read_container(path: Path) -> None:
+    container = open_container(path)
+    if container_kind(container) == "rendering":
+        rendering(container).load()
+        return
+    read_frame(raw_frame(container))
+    read_hot_pixels(path)
+
+
+def read_frame(frame: Frame) -> None:
+    array = FrameArray(frame.region, frame.metadata.layout)
+    array.rows(0, 1)
+    array.rows(0, array.shape[0])
+
+
+def read_archive(path: Path) -> None:
+    for entry in archive_entries(path):
+        if entry.frame is not None:
+            read_frame(entry.frame)
+
+
+def read_picture(path: Path) -> None:
+    read_png(path)
+    open_eslf(path).load()
+
+
+def bound_memory(extra: int = 1 << 30) -> None:
+    """Let any allocation of more than `extra` bytes beyond what the process has now fail."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + extra, resource.RLIM_INFINITY))
+
+
+def run(numbers: Iterator[int], folder: Path) -> Counter[str]:
+    """Feed mutants; every 50th takes all doors. Raises at the first that is not handled, naming its number."""
+    fuzzer = Fuzzer(folder)
+    fuzzer.feed("lfp", fuzzer.containers["lfp"].to_bytes(Random(0), wild=False), whole=True)  # noqa: S311
+    outcomes: Counter[str] = Counter()
+
+    def too_slow(*_: object) -> None:
+        raise Slow
+
+    previous = signal.signal(signal.SIGALRM, too_slow)
+    try:
+        for number in numbers:
+            kind, data = fuzzer.mutant(number)
+            signal.alarm(SECONDS)
+            try:
+                outcomes[f"{kind}: {fuzzer.feed(kind, data, whole=number % 50 == 0)}"] += 1
+            except BaseException as error:
+                raise AssertionError(f"mutant {number} ({kind}) ends in {type(error).__name__}: {error}") from error
+            finally:
+                signal.alarm(0)
+    finally:
+        signal.signal(signal.SIGALRM, previous)
+    return outcomes
+
+
+def steer(folder: Path) -> None:
+    """Let atheris choose the mutants by coverage; runs until stopped or until its -runs are done."""
+    import atheris
+
+    fuzzer = Fuzzer(folder)
+
+    def one(data: bytes) -> None:
+        provider = atheris.FuzzedDataProvider(data)
+        kind = provider.PickValueInList(fuzzer.kinds)
+        fuzzer.feed(kind, provider.ConsumeBytes(1 << 16), whole=False)
+
+    def mutate(data: bytes, max_size: int, seed: int) -> bytes:
+        random = Random(seed)  # noqa: S311
+        if random.random() < 0.5:
+            return atheris.Mutate(data, max_size)
+        kind, mutant = fuzzer.mutant(seed)
+        # FuzzedDataProvider takes its choices from the end.
+        return mutant[: max_size - 1] + bytes([fuzzer.kinds.index(kind)])
+
+    atheris.Setup([sys.argv[0], *sys.argv[2:]], one, custom_mutator=mutate)
+    atheris.instrument_all()
+    atheris.Fuzz()
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None) as folder:  # noqa: S108
+        if sys.argv[1:2] == ["--coverage"]:
+            steer(Path(folder))
+            return
+        parser = argparse.ArgumentParser(description=__doc__)
+        parser.add_argument("--mutations", type=int, default=1_000_000)
+        parser.add_argument("--first", type=int, default=0)
+        arguments = parser.parse_args()
+        begin = time.process_time()
+        bound_memory(2 << 30)
+        outcomes = run(iter(range(arguments.first, arguments.first + arguments.mutations)), Path(folder))
+        seconds = time.process_time() - begin
+    for outcome, count in sorted(outcomes.items()):
+        print(f"{outcome:32} {count}")  # noqa: T201
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"{outcomes.total()} mutants, none unhandled; {seconds:.0f} CPU s, peak memory {peak:.0f} MiB")  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
