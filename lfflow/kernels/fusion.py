@@ -7,8 +7,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.kernels.subpixel import minimum
+
 FloatArray = npt.NDArray[np.float32]
-Fusion = Literal["median", "weighted_median", "inverse_variance"]
+Fusion = Literal["trimmed", "mean", "opposite", "median", "inverse_variance"]
+FUSIONS: tuple[Fusion, ...] = ("trimmed", "mean", "opposite", "median", "inverse_variance")
 
 
 def weighted_median(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -47,3 +50,35 @@ def trimmed_sum(costs: FloatArray, keep: float = 0.75) -> FloatArray:
     use = (rank < kept) & np.isfinite(ordered)
     total = np.where(use, ordered, 0).sum(axis=0)
     return np.where(count > 0, total / np.where(count > 0, use.sum(axis=0), 1), np.nan).astype(np.float32)
+
+
+def fuse_costs(costs: FloatArray, hypotheses: npt.NDArray[np.floating], fusion: Fusion) -> FloatArray:
+    """One cost (hypothesis, t, s) of the costs (pair, hypothesis, t, s) of pairs or of sides of the aperture.
+
+    ``trimmed`` leaves out the worst quarter, ``mean`` none, ``opposite`` the worse half (an edge hides a point from one
+    side), ``median`` takes the middle of the places of the single minima, ``inverse_variance`` weighs each pair by the
+    bend of its cost at its minimum over that minimum, which is the inverse of the variance of its place.
+    """
+    if fusion == "median":
+        each = np.stack([minimum(cost, hypotheses)[0] for cost in costs])
+        middle = weighted_median(each, np.isfinite(each).astype(np.float32))
+        labels = np.asarray(hypotheses, dtype=np.float32)[:, None, None]
+        return (np.abs(labels - middle) / max(float(hypotheses[-1] - hypotheses[0]), 1e-6)).astype(np.float32)
+    if fusion == "inverse_variance":
+        return _weighted(costs)
+    if fusion not in FUSIONS:
+        raise ValueError(f"fusion {fusion!r} is none of {FUSIONS}")
+    return trimmed_sum(costs, {"trimmed": 0.75, "mean": 1.0, "opposite": 0.5}[fusion])
+
+
+def _weighted(costs: FloatArray) -> FloatArray:
+    whole = np.where(np.isfinite(costs), costs, np.inf)
+    inner = np.clip(np.argmin(whole, axis=1), 1, costs.shape[1] - 2)[:, None]
+    low, mid, high = (np.take_along_axis(whole, inner + k, 1) for k in (-1, 0, 1))
+    with np.errstate(invalid="ignore"):
+        bend = low - 2 * mid + high
+        weight = np.where(np.isfinite(bend) & (bend > 0), bend / (mid + 1e-6), 0)
+    use = np.isfinite(costs) & (weight > 0)
+    total = (use * weight).sum(axis=0)
+    value = np.where(use, costs * weight, 0).sum(axis=0)
+    return np.where(total > 0, value / np.where(total > 0, total, 1), np.nan).astype(np.float32)

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.conventions import CFA_NONE
 from lfflow.kernels.block import block_sum, block_weights
 from lfflow.kernels.mosaic_field import MosaicField
 
@@ -89,6 +90,19 @@ def pair_cost(
         total = block_sum(error, field.offset, *blocks)
         out[h] = np.where(weight >= min_support, total / np.maximum(weight, 1e-6), np.float32(np.nan))
     return out
+
+
+def pair_support(field: MosaicField, pair: tuple[int, int], shifts: tuple[float, ...] = (0.0, 0.5, 1.0)) -> float:
+    """Share of the lenses of view (0, 0) that meet their own colour in view `pair`, mean over shifts in lenses."""
+    mine = field.view(0, 0)
+    other = field.view(*pair)
+    there = max(int((mine[1] != CFA_NONE).sum()), 1)
+    found = 0.0
+    for shift in shifts:
+        d = shift / max(abs(pair[0]), abs(pair[1]))
+        _, support = squared_error(field, mine, other, pair, d, "linear", 0.5)
+        found += float((support > 0).sum()) / there
+    return found / len(shifts)
 
 
 def squared_error(

@@ -9,13 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.match_field import match_pairs
+from lfflow.kernels.fusion import FUSIONS, Fusion
+from lfflow.kernels.match_field import Matching, match_field
 from lfflow.kernels.mosaic_field import MosaicField
+from lfflow.kernels.pair_cost import INTERPOLATIONS, Interpolation
+from lfflow.kernels.subpixel import COST_INTERPOLATIONS, CostInterpolation
 from lfflow.schema import DISPARITY
-from lfflow.stages.costs import Pair, default_hypotheses
+from lfflow.stages.costs import Pair
 from lfflow.stages.on_field import carried_coords, on_field
 
-_OUTPUTS = [(("t", "s"), "float32"), (("t", "s"), "float32"), (("t", "s"), "uint8")]
+_MAP = ("t", "s")
+_OUTPUTS = [(_MAP, "float32"), (_MAP, "float32"), (_MAP, "uint8")]
 
 
 def disparity(
@@ -24,21 +28,92 @@ def disparity(
     pairs: Sequence[Pair] | None = None,
     hypotheses: Sequence[float] | npt.NDArray[np.floating] | None = None,
     sigma: float = 1.5,
-    **options: Any,
+    interpolation: Interpolation = "cubic",
+    cost_interpolation: CostInterpolation = "parabola",
+    fusion: Fusion = "trimmed",
+    second_pass: bool = True,
+    regularise: bool = True,
+    min_support: float = 0.2,
+    **view_options: Any,
 ) -> xr.Dataset:
-    """Disparity of the central view of a light field, mosaicked or in full colour."""
-    if "rgb" in lf.data_vars and "mosaic" not in lf.data_vars:
-        from lfflow.stages.view_matching import disparity_of_views
+    """Disparity of the central view of a light field, with its error map.
 
-        result: xr.Dataset = disparity_of_views(lf, **options)
-        return result
-    chosen = list(pairs) if pairs is not None else [(a, 0) for a in (-4, -2, 2, 4)]
-    labels = np.asarray(default_hypotheses(chosen) if hypotheses is None else hypotheses, dtype=np.float64)
+    Parameters
+    ----------
+    lf
+        Mosaicked light field (`lfflow.schema.LIGHTFIELD`), or a dataset of full-colour views with ``rgb``, which goes
+        to `lfflow.stages.view_matching.disparity_of_views` with `view_options`. Any dim order, numpy or dask, with or
+        without ``capture``.
+    pairs
+        Baselines (pair_u, pair_v) of the first pass; by default those of the row and the column of the central view
+        whose same-colour support, measured on the field, is enough.
+    hypotheses
+        Disparities that bound the search, lens pitches per view step; by default −1 to 1, doubled while the disparities
+        press against the border.
+    sigma
+        Gaussian block of the first pass, lens pitches.
+    interpolation, cost_interpolation
+        How images ("nearest", "linear", "cubic", "bandlimited") and costs ("none", "parabola", "equiangular", "spline")
+        are read between their samples.
+    fusion
+        How the costs of pairs and of sides of the aperture become one: see `lfflow.kernels.fusion.fuse_costs`.
+    second_pass
+        Complete the colours of the central view along the first disparity and compare every sample of every view with
+        it.
+    regularise
+        Aggregate along paths that follow the picture's edges and fill what has no texture from trusted neighbours. Off:
+        each block decides for itself.
+    min_support
+        Share of a block that must have met its own colour.
+
+    Returns
+    -------
+    Dataset ``disparity``, ``disparity_std`` (float32, lens pitches per view step) and ``flags`` (uint8 bits: no data,
+    low texture, saturated, occluded, filled), dims (t, s), for the view of the scalar coordinates u = v = 0. Lazy where
+    `lf` is.
+
+    Raises
+    ------
+    ValueError
+        An option is unknown, or the light field has no central view.
+    SchemaError
+        `lf` is no light field.
+    """
+    if "rgb" in lf.data_vars and "mosaic" not in lf.data_vars:
+        return _of_views(lf, view_options)
+    if view_options:
+        raise TypeError(f"unknown option {', '.join(sorted(view_options))} for a mosaicked light field")
+    _check("interpolation", interpolation, INTERPOLATIONS)
+    _check("cost_interpolation", cost_interpolation, COST_INTERPOLATIONS)
+    _check("fusion", fusion, FUSIONS)
+    options = Matching(
+        pairs=None if pairs is None else tuple((int(a), int(b)) for a, b in pairs),
+        hypotheses=None if hypotheses is None else tuple(map(float, hypotheses)),
+        sigma=sigma,
+        interpolation=interpolation,
+        cost_interpolation=cost_interpolation,
+        fusion=fusion,
+        second_pass=second_pass,
+        regularise=regularise,
+        min_support=min_support,
+    )
 
     def match(field: MosaicField) -> tuple[npt.NDArray[Any], ...]:
-        return match_pairs(field, chosen, labels, sigma)
+        return match_field(field, options)
 
     found = on_field(match, lf, _OUTPUTS, {})
     out = xr.Dataset(dict(zip(("disparity", "disparity_std", "flags"), found, strict=True)))
-    out = out.assign_coords({**carried_coords(lf, ("t", "s")), "u": 0, "v": 0})
+    out = out.assign_coords({**carried_coords(lf, _MAP), "u": 0, "v": 0})
     return DISPARITY.annotate(out)
+
+
+def _check(name: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise ValueError(f"{name} {value!r} is none of {', '.join(known)}")
+
+
+def _of_views(lf: xr.Dataset, options: dict[str, Any]) -> xr.Dataset:
+    from lfflow.stages.view_matching import disparity_of_views
+
+    result: xr.Dataset = disparity_of_views(lf, **options)
+    return result

@@ -1,0 +1,162 @@
+"""A disparity moved to where all samples agree best with the completed central view, and how sure that place is.
+
+One Gauss–Newton step on the same-colour differences of all views (their closed-form minimum, METHOD 8.3): with residual
+r and its slope g along d, the step is Σ φ g r / Σ φ g² over a block φ of the same surface, and its variance
+σ² Σ φ² g² / (Σ φ g²)² with σ² the mean squared residual of the block.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from lfflow.conventions import CFA_NONE
+from lfflow.kernels.mosaic_field import MosaicField
+
+FloatArray = npt.NDArray[np.float32]
+SECTORS = 4
+
+
+class Refined(NamedTuple):
+    """Disparity, its predicted std, the disagreement of the sides of the aperture, mean squared residual: (t, s)."""
+
+    disparity: FloatArray
+    predicted: FloatArray
+    spread: FloatArray
+    residual: FloatArray
+
+
+def refine(
+    field: MosaicField,
+    picture: FloatArray,
+    disparity: FloatArray,
+    *,
+    sigma: float = 1.2,
+    limit: float = 0.05,
+    same: float = 0.06,
+    largest: float = 0.06,
+) -> Refined:
+    """Refine `disparity` (t, s) against `picture` (3, t, s).
+
+    Parameters
+    ----------
+    sigma
+        Gaussian block, lens pitches.
+    limit
+        Residual, in units of the mosaic, beyond which a sample counts as hidden.
+    same
+        Neighbours whose disparity differs by more belong to another surface.
+    largest
+        Largest step, lens pitches per view step.
+    """
+    rows, columns = disparity.shape
+    sums = np.zeros((4, SECTORS, rows, columns), dtype=np.float32)
+    start = np.ascontiguousarray(np.where(np.isfinite(disparity), disparity, 0), dtype=np.float32)
+    padded = np.pad(np.moveaxis(picture, 0, -1), ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float32)
+    for j, i in np.argwhere((field.cfa != CFA_NONE).any(axis=(2, 3))):
+        u, v = int(field.u[i]), int(field.v[j])
+        if u == 0 and v == 0:
+            continue
+        side = (0 if u > 0 else 1) if abs(u) > abs(v) else (2 if v > 0 else 3)
+        view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
+        place = np.float32(u), np.float32(v)
+        _slopes(view, place, field.rho, field.offset, np.float32(field.row_pitch), padded, start, np.float32(limit),
+                sums[:, side])  # fmt: skip
+    out = np.empty((4, rows, columns), dtype=np.float32)
+    _steps(sums, start, field.offset, np.float32(field.row_pitch), np.float32(sigma), np.float32(same),
+           np.float32(largest), out)  # fmt: skip
+    refined = np.where(np.isfinite(disparity), start + out[0], np.nan).astype(np.float32)
+    return Refined(refined, out[1], out[2], out[3])
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _slopes(view, place, rho, offset, pitch, padded, disparity, limit, sums):  # type: ignore[no-untyped-def]
+    """Add the samples of one view to the sums (4, t, s) of w·g², w·g·r, w·r² and w."""
+    mosaic, cfa, confidence = view
+    u, v = place
+    rows, columns = disparity.shape
+    one, half = np.float32(1), np.float32(0.5)
+    narrow = one / (limit * limit)
+    for t in range(rows):
+        for s in range(columns):
+            d = disparity[t, s]
+            row = int(np.floor(np.float32(t) - d * v / pitch + half))
+            if row < 1 or row >= rows - 1:
+                continue
+            column = int(np.floor(np.float32(s) + offset[t] - d * u - offset[row] + half))
+            if column < 1 or column >= columns - 2 or cfa[row, column] == CFA_NONE:
+                continue
+            a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) / pitch
+            x, y = np.float32(column) + offset[row] + d * a_x, np.float32(row) + d * a_y
+            value, g_x, g_y = _read(padded, offset, x, y, cfa[row, column])
+            r = mosaic[row, column] - value
+            g = g_x * a_x + g_y * a_y
+            robust = one / (one + r * r * narrow)
+            w = confidence[row, column] * robust * robust
+            sums[0, t, s] += w * g * g
+            sums[1, t, s] += w * g * r
+            sums[2, t, s] += w * r * r
+            sums[3, t, s] += w
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _read(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
+    """Picture at X = x, row y and its slopes to the right (per lens) and down (per row)."""
+    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
+    upper = min(max(int(np.floor(y)), 0), rows - 2)
+    fy = y - np.float32(upper)
+    high, slope_high = _row(padded, upper + 1, x - offset[upper], columns, c)
+    low, slope_low = _row(padded, upper + 2, x - offset[upper + 1], columns, c)
+    share = np.float32(1) - fy
+    return share * high + fy * low, share * slope_high + fy * slope_low, low - high
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _row(padded, row, place, columns, c):  # type: ignore[no-untyped-def]
+    place = min(max(place, np.float32(0)), np.float32(columns - 1))
+    left = int(place)
+    slope = padded[row, left + 2, c] - padded[row, left + 1, c]
+    return padded[row, left + 1, c] + (place - np.float32(left)) * slope, slope
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _steps(sums, disparity, offset, pitch, sigma, same, largest, out):  # type: ignore[no-untyped-def]
+    rows, columns = disparity.shape
+    reach = int(np.ceil(2 * sigma))
+    total = np.empty((4, SECTORS), dtype=np.float32)
+    for t in range(rows):
+        for s in range(columns):
+            total[:] = 0
+            square = np.float32(0)
+            for row in range(max(0, t - reach), min(rows, t + reach + 1)):
+                for column in range(max(0, s - reach), min(columns, s + reach + 1)):
+                    gap = (disparity[row, column] - disparity[t, s]) / same
+                    if abs(gap) > 1:
+                        continue
+                    x = column + offset[row] - s - offset[t]
+                    y = (row - t) * pitch
+                    phi = np.exp(-(x * x + y * y) / (2 * sigma * sigma)) * (1 - gap * gap)
+                    for k in range(SECTORS):
+                        for n in range(4):
+                            total[n, k] += phi * sums[n, k, row, column]
+                        square += phi * phi * sums[0, k, row, column]
+            out[0, t, s], out[1, t, s], out[2, t, s], out[3, t, s] = _solve(total, square, largest)
+
+
+@numba.njit(nogil=True, cache=True)
+def _solve(total, square, largest):  # type: ignore[no-untyped-def]
+    """Step, predicted std, spread of the sectors' own steps, mean squared residual."""
+    bend, slope = total[0].sum(), total[1].sum()
+    weight = total[3].sum()
+    if bend <= 0 or weight <= 0:
+        return np.float32(0), np.float32(1), np.float32(0), np.float32(0)
+    step = min(max(slope / bend, -largest), largest)
+    residual = total[2].sum() / weight
+    spread = np.float32(0)
+    for k in range(SECTORS):
+        own = min(max(total[1, k] / max(total[0, k], 1e-12), -4 * largest), 4 * largest)
+        spread += total[0, k] / bend * (own - step) ** 2
+    return step, np.sqrt(residual * square) / bend, np.sqrt(spread), residual
