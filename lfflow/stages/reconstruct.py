@@ -16,7 +16,7 @@ from lfflow.kernels.gather import Rule, Samples, Targets, gather
 from lfflow.kernels.guided import fill_colours
 from lfflow.kernels.warp import read_disparity
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import VIEWS, lattice_of
+from lfflow.schema import DISPARITY, VIEWS, lattice_of
 from lfflow.stages.grid import Grid, grid_from, grid_of, square_lattice
 from lfflow.stages.on_field import LATTICE_NAMES
 
@@ -60,7 +60,8 @@ def reconstruct_views(
     Returns
     -------
     Dataset
-        ``rgb`` (v, u, t, s, channel) float32, linear radiance in camera colours; ``filled`` (v, u, t, s) uint8.
+        ``rgb`` (v, u, t, s, channel) float32, linear radiance in camera colours; ``filled`` (v, u, t, s) uint8;
+        ``disparity`` and ``disparity_std`` (v, u, t, s) float32 at the same places.
 
     Raises
     ------
@@ -74,25 +75,27 @@ def reconstruct_views(
     arrays += [_whole(disp[name]) for name in ("disparity", "disparity_std")]
     rule = rule or Rule(neighbours=1 if scale is None else 2)
 
-    def one(*args: Any) -> tuple[Array, Array]:
+    def one(*args: Any) -> tuple[Array, Array, Array, Array]:
         return _one_view(args[:5], args[5:11], args[11:13], args[13:], scale=scale, rule=rule)
 
-    rgb, filled = xr.apply_ufunc(
+    parts = xr.apply_ufunc(
         one,
         *arrays,
         *(_plain(lf[name]) for name in LATTICE_NAMES),
         *_view_tasks(wanted, arrays),
         *(xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS),
         input_core_dims=[list(FIELD_DIMS)] * 5 + [[]] * 8 + [[dim] for dim in FIELD_DIMS],
-        output_core_dims=[["t_out", "s_out", "channel"], ["t_out", "s_out"]],
+        output_core_dims=[["t_out", "s_out", "channel"], *([["t_out", "s_out"]] * 3)],
         vectorize=True,
         dask="parallelized",
-        output_dtypes=["float32", "uint8"],
+        output_dtypes=["float32", "uint8", "float32", "float32"],
         dask_gufunc_kwargs={"output_sizes": {**_sizes(geometry), "channel": 3}},
     )
-    out = xr.Dataset({"rgb": rgb, "filled": filled})
+    out = xr.Dataset(dict(zip(("rgb", "filled", "disparity", "disparity_std"), parts, strict=True)))
     out = out.rename({f"{dim}_out": dim for dim in FIELD_DIMS})
     out = out.assign_coords(_coords(lf, wanted, geometry, scale))
+    for name in ("disparity", "disparity_std"):
+        out[name].attrs = dict(DISPARITY[name].attrs)
     out["filled"].attrs = {
         "long_name": "colours that were interpolated within the view",
         "units": "1",
@@ -188,7 +191,7 @@ def _one_view(
     *,
     scale: float | None,
     rule: Rule,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     mosaic, cfa, weight, disparity, std = (np.ascontiguousarray(array) for array in arrays)
     v, u, t, s = axes
     target_v, target_u = float(view[0]), float(view[1])
@@ -208,7 +211,7 @@ def _one_view(
     targets = Targets(x, y, np.full_like(x, target_u), np.full_like(x, target_v), there, spread)
     rgb, _ = gather(samples, targets, rule)
     rgb, filled = fill_colours(rgb, x, y, there, rule.tolerance)
-    return rgb, filled
+    return rgb, filled, there, spread
 
 
 def _samples(
