@@ -15,7 +15,7 @@ from lfflow.collection.records import FAILED, Ledger
 from lfflow.collection.scalars import decode, small_variables
 from lfflow.collection.storage import open_storage
 from lfflow.collection.stores import Store
-from lfflow.collection.whites import SELF
+from lfflow.collection.whites import SELF, candidates
 from lfflow.errors import CollectionError
 from lfflow.schema import SCHEMAS
 
@@ -63,18 +63,19 @@ class Collection:
     def with_states(self, table: pd.DataFrame) -> pd.DataFrame:
         """Table with the columns `calibration_state` … `disparity_state` and the `failure` of those that failed."""
         table = table.copy()
-        failures = pd.Series("", index=table.index, dtype="str")
+        failures = dict.fromkeys(table["id"].astype("str"), "")
         for kind in KINDS:
             done = set(self.ledger.captures(kind))
             failed = self.ledger.records(kind, FAILED)
             states = []
-            for place, row in table.iterrows():
+            for _, row in table.iterrows():
                 name = str(row["id"])
                 states.append(_state(row, kind, done, failed))
                 if name in failed and name not in done:
-                    failures[place] = f"{kind}: {failed[name].reason}"
+                    failures[name] = f"{kind}: {failed[name].reason}"
             table[f"{kind}_state"] = pd.Series(states, dtype="str", index=table.index)
-        table["failure"] = failures.where(failures != "", table["reason"])
+        reasons = [failures[str(name)] or reason for name, reason in zip(table["id"], table["reason"], strict=True)]
+        table["failure"] = pd.Series(reasons, dtype="str", index=table.index)
         return table
 
     def query(self, expression: str = "") -> list[str]:
@@ -88,6 +89,36 @@ class Collection:
         """Rows of the catalogue for which a pandas expression holds; raises CollectionError for a wrong one."""
         return select(self.catalogue(), expression)
 
+    def sql(self, query: str) -> pd.DataFrame:
+        """Result of an SQL query over the table `catalogue`; needs duckdb (``pip install lfflow[sql]``)."""
+        try:
+            import duckdb
+        except ImportError as error:
+            raise CollectionError("SQL needs duckdb: pip install 'lfflow[sql]'") from error
+        with duckdb.connect(":memory:", config={"enable_external_access": "false"}) as connection:
+            connection.register("catalogue", self.catalogue())
+            try:
+                return pd.DataFrame(connection.sql(query).df())
+            except duckdb.Error as error:
+                raise CollectionError(f"cannot evaluate {query!r}: {error}") from error
+
+    def explain(self, capture: str) -> dict[str, Any]:
+        """Why a capture is what it is: its file, its stages, its white image and the other candidates."""
+        table = self.catalogue().set_index("id", drop=False)
+        if capture not in table.index:
+            raise CollectionError(f"no capture {capture!r} in {self.storage.url}")
+        row = pd.Series(table.loc[capture])
+        found = candidates(row, table) if row["kind"] == "scene" else []
+        return {
+            "capture": capture,
+            "path": str(row["path"]),
+            "kind": str(row["kind"]),
+            "white": str(row["white"]),
+            "failure": str(row["failure"]),
+            "candidates": [str(candidate) for candidate in found],
+            "stages": {kind: str(row[f"{kind}_state"]) for kind in KINDS if row[f"{kind}_state"]},
+        }
+
     def status(self) -> dict[str, Any]:
         """Counts of captures by kind and of stages by state, and the reason of every failure."""
         table = self.catalogue()
@@ -98,7 +129,7 @@ class Collection:
         return {"collection": self.storage.url, "files": len(table), "kinds": kinds, "stages": stages, "failed": failed}
 
     def open(
-        self, kind: str, *, camera: str | None = None, chunks: Mapping[Any, int] | None | str = "capture"
+        self, kind: str, *, camera: str | None = None, chunks: Mapping[Any, int] | str | None = "capture"
     ) -> xr.Dataset:
         """All finished captures of one kind, lazily; metadata of the catalogue come as coordinates.
 

@@ -39,7 +39,7 @@ def find_files(inputs: Iterable[str | Path]) -> list[Path]:
         elif path.exists():
             found.add(path)
         else:
-            matches = [Path(match).absolute() for match in glob.glob(str(item), recursive=True)]
+            matches = [Path(match).absolute() for match in glob.glob(str(item), recursive=True)]  # noqa: PTH207 - the pattern may be absolute
             if not matches:
                 raise CollectionError(f"no such input: {item}")
             found |= set(find_files(matches))

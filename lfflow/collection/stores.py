@@ -79,12 +79,12 @@ class Store:
         document = {"sizes": dict(sizes), "captures": list(after), "schema_version": self.schema.version}
         self._replace(self._manifest_name(group), sealed(document))
         if after != before or not manifest:
-            self._write_small(template.build(self.schema, group, sizes, after, {}), metadata_only=bool(manifest))
+            self._write_small(template.build(self.schema, group, sizes, after, {}, values=not manifest))
         return {name: slot for slot, name in enumerate(after)}
 
     def check(self, group: str, manifest: Manifest) -> None:
         """Raise SchemaError when the metadata on the disk differs from the declaration; mend it where it is rotten."""
-        expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {})
+        expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {}, values=False)
         for key, wanted in expected.items():
             if not key.endswith("zarr.json"):
                 continue
@@ -108,16 +108,15 @@ class Store:
         lines = {f"lfflow {r.versions.get('lfflow', '?')}: {r.stage} {dict(sorted(r.parameters.items()))}"
                  for r in records.values()}  # fmt: skip
         content = template.build(self.schema, group, manifest.sizes, manifest.captures, records, sorted(lines))
-        self._write_small(content, metadata_only=False)
+        self._write_small(content)
 
-    def _write_small(self, content: Mapping[str, bytes], *, metadata_only: bool) -> None:
+    def _write_small(self, content: Mapping[str, bytes]) -> None:
         """Write what differs from the disk; array metadata last, so that a longer shape never lacks its labels.
 
         None of it needs to survive a power cut: every run derives it from the ledger again.
         """
         for key, data in sorted(content.items(), key=lambda item: item[0].endswith("zarr.json")):
-            if key.endswith("zarr.json") or not metadata_only:
-                self._replace(f"{self.folder}/{key}", data, durable=False)
+            self._replace(f"{self.folder}/{key}", data, durable=False)
 
     def _replace(self, name: str, data: bytes, *, durable: bool = True) -> None:
         try:
@@ -181,4 +180,5 @@ class Store:
 
 def _rounded(values: np.ndarray[Any, Any], keep_bits: int) -> np.ndarray[Any, Any]:
     codec = BitRound(keep_bits)
-    return np.asarray(codec.decode(codec.encode(values.copy()))).view(values.dtype).reshape(values.shape)
+    rounded: np.ndarray[Any, Any] = np.asarray(codec.decode(codec.encode(values))).view(values.dtype)
+    return rounded.reshape(values.shape)

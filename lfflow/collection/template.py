@@ -39,7 +39,7 @@ def block(length: int) -> int:
     return max(
         part
         for part in range(1, min(length, _LARGEST_BLOCK) + 1)
-        if length % part == 0 and part * 16 > length or part == 1
+        if (length % part == 0 and part * 16 > length) or part == 1
     )
 
 
@@ -57,8 +57,13 @@ def build(
     captures: Sequence[str],
     records: Mapping[str, Record],
     history: Sequence[str] = (),
+    *,
+    values: bool = True,
 ) -> dict[str, bytes]:
-    """Content by key of the store of one group: metadata, axes and small variables; no regions."""
+    """Content by key of the store of one group: metadata, axes and small variables; no regions.
+
+    Without `values` the metadata only.
+    """
     content: dict[str, Any] = {}
     store = MemoryStore(store_dict=content)
     zarr.create_group(store, attributes={"title": f"lfflow {schema.name}"})
@@ -71,19 +76,20 @@ def build(
     }
     zarr.create_group(StorePath(store, group), attributes=attributes)
     place = StorePath(store, group)
-    _small(place, "capture", ("capture",), np.array(captures, dtype=object), "string", {"long_name": "capture"})
+    write = _written if values else _declared
+    write(place, "capture", ("capture",), np.array(captures, dtype=object), "string", {"long_name": "capture"})
     for variable in schema.variables:
         if variable.axis:
             size = sizes.get(variable.name, SMALL_SIZES.get(variable.name, 0))
-            _small(place, variable.name, variable.dims, axis_values(variable.name, size), variable.dtype,
+            write(place, variable.name, variable.dims, axis_values(variable.name, size), variable.dtype,
                    _attributes(variable))  # fmt: skip
         elif is_region(variable):
             _large(place, variable, sizes, len(captures))
     for variable in small_variables(schema):
-        values = [decode(records[name].scalars if name in records else {}, variable) for name in captures]
+        rows = [decode(records[name].scalars if name in records else {}, variable) for name in captures]
         shape = (len(captures), *(SMALL_SIZES[dim] for dim in variable.dims))
-        stacked = np.stack(values) if values else np.empty(shape, dtype=object)
-        _small(place, variable.name, ("capture", *variable.dims), stacked, variable.dtype,
+        stacked = np.stack(rows) if rows else np.empty(shape, dtype=object)
+        write(place, variable.name, ("capture", *variable.dims), stacked, variable.dtype,
                _attributes(variable))  # fmt: skip
     return {key: value.to_bytes() for key, value in sorted(content.items())}
 
@@ -110,15 +116,22 @@ def _large(place: StorePath, variable: Variable, sizes: Mapping[str, int], captu
     )
 
 
-def _small(
+def _written(
     place: StorePath, name: str, dims: tuple[str, ...], values: np.ndarray[Any, Any], dtype: str, attributes: Any
 ) -> None:
+    array = _declared(place, name, dims, values, dtype, attributes)
+    if values.size:
+        array[...] = values.astype("datetime64[ns]").astype("int64") if dtype.startswith("datetime") else values
+
+
+def _declared(
+    place: StorePath, name: str, dims: tuple[str, ...], values: np.ndarray[Any, Any], dtype: str, attributes: Any
+) -> Any:
     if dtype.startswith("datetime"):
-        values = values.astype("datetime64[ns]").astype("int64")
         units = {"units": "nanoseconds since 1970-01-01", "calendar": "proleptic_gregorian", "_FillValue": _NAT}
         dtype, attributes = "int64", {**attributes, **units}
     fill: Any = "" if dtype == "string" else (np.nan if dtype.startswith("float") else 0)
-    array = zarr.create_array(
+    return zarr.create_array(
         place / name,
         shape=values.shape,
         chunks=tuple(max(1, min(length, _SMALL_CHUNK)) if dim != "capture" else _SMALL_CHUNK
@@ -131,8 +144,6 @@ def _small(
         attributes=attributes,
         config={"write_empty_chunks": True},
     )  # fmt: skip
-    if values.size:
-        array[...] = values
 
 
 def differences(found: bytes, expected: bytes) -> list[str]:

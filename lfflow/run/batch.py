@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import os
@@ -22,9 +23,11 @@ from lfflow.collection.whites import choose
 from lfflow.run.chain import CHAIN, Chain, Grid, Parameters, camera_grid, lattice_grid
 from lfflow.run.config import WHITES
 from lfflow.run.executors import Executor, ThreadExecutor, Workers
+from lfflow.run.limits import in_flight, task_memory
 from lfflow.run.plan import BLOCKED, FAILED_BEFORE, RUN, Job, Planner, Request, Step
 from lfflow.run.task import Status, Work
 
+_MANY = 1 << 20
 Progress = Callable[[int, int, str], None]
 
 
@@ -48,8 +51,12 @@ class Options:
         Redo what is done.
     retries
         How often a task that crashes its process is tried again.
+    memory
+        Bytes that all tasks together may use; None: what the machine has free.
     pictures
         Draw a quicklook of every finished capture.
+    accept_damaged
+        Take files whose checksums are wrong.
     """
 
     inputs: Sequence[str | Path] = ()
@@ -61,7 +68,9 @@ class Options:
     where: str = ""
     force: bool = False
     retries: int = 2
+    memory: int | None = None
     pictures: bool = True
+    accept_damaged: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +135,14 @@ class _Run:
     def __init__(self, collection: Collection, options: Options, chain: Chain, progress: Progress | None) -> None:
         self._collection, self._options, self._chain, self._progress = collection, options, chain, progress
         self._statuses: list[Status] = []
+        self._stack = contextlib.ExitStack()
+        self._client: Any = None
 
     def outcome(self) -> Outcome:
+        with self._stack:
+            return self._outcome()
+
+    def _outcome(self) -> Outcome:
         _scan(self._collection, self._options, self._chain)
         self._check_stores()
         self._execute(self.planner().jobs(kind="white"))
@@ -209,10 +224,25 @@ class _Run:
                 self._progress(next(finished), len(jobs), statuses[-1].capture)
 
         if jobs:
-            self._executor().run(works, report)
+            lanes = in_flight(max(task_memory(job, self._chain) for job in jobs), *self._room())
+            self._executor(lanes).run(works, report)
 
-    def _executor(self) -> Executor:
-        return ThreadExecutor(self._options.workers.count)
+    def _executor(self, lanes: int) -> Executor:
+        from lfflow.run.cluster import ClusterExecutor, local_client, remote_client
+
+        workers = self._options.workers
+        if workers.kind == "threads":
+            return ThreadExecutor(lanes)
+        if self._client is None:
+            here = workers.kind == "processes"
+            manager = local_client(workers.count, self._options.memory) if here else remote_client(workers.address)
+            self._client = self._stack.enter_context(manager)
+        return ClusterExecutor(self._client, lanes, self._options.retries)
+
+    def _room(self) -> tuple[int, int | None]:
+        """Workers and bytes; the memory of another machine's workers is for its owner to say."""
+        elsewhere = self._options.workers.kind == "cluster" and self._options.memory is None
+        return (_MANY, _MANY << 30) if elsewhere else (self._options.workers.count, self._options.memory)
 
     def _with_slots(self, jobs: list[Job]) -> list[Job]:
         """Jobs with the place of each region; stores grow here, once, before anything is written."""

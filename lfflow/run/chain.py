@@ -30,10 +30,17 @@ class Grid:
 class StageInput:
     """What a stage may use: the raw frame, the results of the stages before it, the group's grid."""
 
-    raw: xr.Dataset
+    raw: xr.Dataset | None
     results: Mapping[str, xr.Dataset]
     grid: Grid | None
     parameters: Parameters
+
+    @property
+    def frame(self) -> xr.Dataset:
+        """The raw frame of a stage that reads it."""
+        if self.raw is None:
+            raise TypeError("this stage has not been declared to read the raw frame")
+        return self.raw
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +57,14 @@ class Stage:
         Stages whose results it needs.
     function
         From its input to its result, a dataset of one capture.
+    reads_raw
+        Whether it uses the raw frame.
     tables
         Tables of the configuration and the function whose keyword arguments each sets.
     bytes_per_pixel
         Peak memory per sensor pixel, for the plan.
+    stored_per_pixel
+        Bytes on the disk per sensor pixel, for the plan.
     seconds_per_megapixel
         For the plan's estimate before anything has been measured.
     """
@@ -65,7 +76,9 @@ class Stage:
     function: Callable[[StageInput], xr.Dataset]
     tables: Mapping[str, str] = field(default_factory=dict)
     bytes_per_pixel: float = 0.0
+    stored_per_pixel: float = 0.0
     seconds_per_megapixel: float = 0.0
+    reads_raw: bool = True
 
     def keywords(self, table: str) -> tuple[str, ...]:
         """Keyword arguments that a table of the configuration may set."""
@@ -124,15 +137,15 @@ def open_lfp(path: str) -> xr.Dataset:
 def _calibration(given: StageInput) -> xr.Dataset:
     from lfflow.stages.calibrate import calibrate
 
-    return calibrate(given.raw, **given.parameters.get("calibration", {}))
+    return calibrate(given.frame, **given.parameters.get("calibration", {}))
 
 
 def _lightfield(given: StageInput) -> xr.Dataset:
     from lfflow.stages.demultiplex import demultiplex
 
     grid = given.grid
-    place = {} if grid is None else {"shape": (grid.rows, grid.columns), "radius": grid.radius}
-    return demultiplex(given.raw, given.results["calibration"], **place, **given.parameters.get("lightfield", {}))
+    place: dict[str, Any] = {} if grid is None else {"shape": (grid.rows, grid.columns), "radius": grid.radius}
+    return demultiplex(given.frame, given.results["calibration"], **place, **given.parameters.get("lightfield", {}))
 
 
 def _disparity(given: StageInput) -> xr.Dataset:
@@ -144,16 +157,23 @@ def _disparity(given: StageInput) -> xr.Dataset:
     return transpose_disparity(central, lightfield, **given.parameters.get("transpose", {}))
 
 
+def _draw(lightfield: xr.Dataset, disparity: xr.Dataset, path: str) -> None:
+    from lfflow.viz.quicklook import draw_quicklook
+
+    draw_quicklook(lightfield, disparity, path)
+
+
 CHAIN = Chain(
     open_lfp,
     (
         Stage("calibration", 1, CALIBRATION, (), _calibration,
-              {"calibration": "lfflow.stages.calibrate:calibrate"}, 60.0, 0.2),
+              {"calibration": "lfflow.stages.calibrate:calibrate"}, 60.0, 1.0, 0.2),
         Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
-              {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, 80.0, 0.2),
+              {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, 80.0, 4.0, 0.2),
         Stage("disparity", 1, DISPARITY, ("lightfield",), _disparity,
               {"disparity": "lfflow.stages.disparity:disparity",
-               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 100.0, 0.5),
+               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 100.0, 6.0, 0.5, reads_raw=False),
     ),
+    _draw,
 )  # fmt: skip
 """The chain that `lfflow run` works through."""

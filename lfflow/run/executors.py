@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
-import dask
+import dask.threaded
 
 from lfflow.errors import LfflowError
 from lfflow.run.task import Status, Work, perform
@@ -71,5 +71,5 @@ class ThreadExecutor:
                 with guard:
                     report(statuses)
 
-        lanes = [dask.delayed(lane)(number) for number in range(self._count)]
-        dask.compute(*lanes, scheduler="threads", num_workers=self._count)
+        graph = {("lane", number): (lane, number) for number in range(self._count)}
+        dask.threaded.get(graph, list(graph), num_workers=self._count)

@@ -46,6 +46,8 @@ class Job:
     mtime_ns: int
     sha256: str
     group: str
+    height: int
+    width: int
     grid: Grid | None
     steps: tuple[Step, ...]
 
@@ -107,7 +109,7 @@ class Planner:
         if not steps:
             return None
         return Job(str(row["id"]), str(row["path"]), int(row["size"]), int(row["mtime_ns"]), str(row["sha256"]),
-                   str(row["group"]), grid, tuple(steps))  # fmt: skip
+                   str(row["group"]), int(row["height"]), int(row["width"]), grid, tuple(steps))  # fmt: skip
 
     def _step(self, stage: Stage, row: pd.Series, grid: Grid | None, before: list[Step]) -> Step:
         capture = str(row["id"])

@@ -22,7 +22,7 @@ import xarray as xr
 from lfflow.collection import Collection
 from lfflow.collection.leases import lease
 from lfflow.collection.records import DAMAGED, DONE, FAILED, Record
-from lfflow.collection.storage import LocalStorage, explain
+from lfflow.collection.storage import explain
 from lfflow.errors import CollectionError, FormatError, LfflowError
 from lfflow.run.chain import Chain, Stage, StageInput
 from lfflow.run.plan import BLOCKED, FAILED_BEFORE, SKIP, Job, Step
@@ -75,6 +75,22 @@ def perform(work: Work) -> tuple[Status, ...]:
     return tuple(statuses)
 
 
+def crashed(work: Work, reason: str) -> tuple[Status, ...]:
+    """Record, for a task that cannot do so itself, that its process crashed; what it had finished stays."""
+    collection = Collection(work.url)
+    statuses: list[Status] = []
+    for step in work.job.steps:
+        record = collection.ledger.find(step.stage, step.capture)
+        if record is not None and record.fingerprint == step.fingerprint:
+            statuses.append(Status(step.stage, step.capture, "kept"))
+            continue
+        blocked = any(status.state == "failed" for status in statuses)
+        if not blocked:
+            _record_failure(collection, work.job, step, CollectionError(reason))
+        statuses.append(Status(step.stage, step.capture, "blocked" if blocked else "failed", reason))
+    return tuple(statuses)
+
+
 class _Frame:
     """The raw frame of a job, read once, when the first stage asks for it."""
 
@@ -115,7 +131,7 @@ def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame,
 
 def _commit(collection: Collection, job: Job, stage: Stage, step: Step, frame: _Frame, started: float) -> None:
     """Compute, write the region, flush it, write the record: in this order, under the lease."""
-    raw = frame.raw if stage.name != "disparity" else None
+    raw = frame.raw if stage.reads_raw else None
     results = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
     missing = [name for name in stage.upstream if name not in results]
     if missing:

@@ -15,7 +15,7 @@ from lfflow.errors import FormatError
 from lfflow.run.chain import Chain, Stage, StageInput
 from lfflow.schema import CALIBRATION, DISPARITY, LIGHTFIELD, PARAMETERS
 
-SIZE = 60
+SIZE = 40
 
 
 def write_capture(path: Path, *, seed: int, kind: str = "scene", **metadata: object) -> Path:
@@ -35,10 +35,10 @@ def open_fake(path: str) -> xr.Dataset:
     return xr.Dataset(
         {"raw": (("y", "x"), frame)},
         coords={
-            "kind": told["kind"], "camera_serial": told["serial"], "camera_model": told.get("model", "F01"),
+            "kind": told["kind"], "camera_serial": told["serial"], "camera_model": told.get("model", "T1"),
             "zoom_step": told["zoom"], "focus_step": told["focus"], "iso": told.get("iso", 100.0),
             "time": np.datetime64(told.get("time", "2020-01-01"), "ns"), "temperature": 20.0,
-            "pixel_pitch": 1.4e-6, "lens_pitch": told.get("lens_pitch", 14e-6),
+            "pixel_pitch": 1.4e-6, "lens_pitch": told.get("lens_pitch", 7e-6),
         },
         attrs={"behaviour": told.get("behaviour", "")},
     )  # fmt: skip
@@ -61,7 +61,8 @@ def calibrate(raw: xr.Dataset, *, gain: float = 1.0) -> xr.Dataset:
     lattice = dict(zip(PARAMETERS, (9.0 + values[0, 0] / 7000, 10.0, 0.001, 3.0, 4.0), strict=True))
     return xr.Dataset(
         {
-            **lattice, "arrangement": np.uint8(0), "covariance": (("parameter", "parameter_b"), np.full((5, 5), np.nan)),
+            **lattice, "arrangement": np.uint8(0),
+            "covariance": (("parameter", "parameter_b"), np.full((5, 5), np.nan)),
             "residual_rms": 0.01, "lens_count": np.int64(30), "method": np.uint8(0),
             "vignetting": (("y", "x"), (gain * values / 4095).astype("float32")),
             "pixel_flags": (("y", "x"), np.zeros(values.shape, "uint8")),
@@ -79,10 +80,14 @@ def demultiplex(raw: xr.Dataset, cal: xr.Dataset, *, power: float = 1.0, shape=N
     dims = ("v", "u", "t", "s")
     coords = {name: cal[name].variable for name in (*PARAMETERS, "arrangement")}
     return xr.Dataset(
-        {"mosaic": (dims, mosaic), "cfa": (dims, np.full(sizes, 255, "uint8")), "weight": (dims, np.full(sizes, np.nan, "f4"))},
+        {
+            "mosaic": (dims, mosaic), "cfa": (dims, np.full(sizes, 255, "uint8")),
+            "weight": (dims, np.full(sizes, np.nan, "f4")),
+        },
         coords={
             **coords, "iso": raw["iso"].variable, "time": raw["time"].variable,
-            "v": np.arange(sizes[0]) - radius, "u": np.arange(sizes[1]) - radius, "t": np.arange(shape[0]), "s": np.arange(shape[1]),
+            "v": np.arange(sizes[0]) - radius, "u": np.arange(sizes[1]) - radius,
+            "t": np.arange(shape[0]), "s": np.arange(shape[1]),
         },
     )  # fmt: skip
 

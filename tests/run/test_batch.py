@@ -122,7 +122,7 @@ def test_several_camera_models_have_a_group_each(tmp_path, captures):
     col = open_collection(tmp_path / "col")
     with pytest.raises(CollectionError, match="which camera"):
         col.open("disparity")
-    assert list(col.open("disparity", camera="B01-60x60").capture.values) == ["ILLUM"]
+    assert list(col.open("disparity", camera="B01-40x40").capture.values) == ["ILLUM"]
 
 
 def test_where_and_stages_limit_the_work(tmp_path, captures):
@@ -156,7 +156,7 @@ def test_the_plan_says_what_would_run_and_why(tmp_path, captures):
 
 def test_a_store_that_differs_from_its_declaration_is_refused_with_the_difference(tmp_path, captures):
     run(tmp_path / "col", captures)
-    metadata = tmp_path / "col" / "disparity.zarr" / "F01-60x60" / "disparity" / "zarr.json"
+    metadata = tmp_path / "col" / "disparity.zarr" / "T1-40x40" / "disparity" / "zarr.json"
     metadata.write_text(metadata.read_text().replace('"float32"', '"float64"').replace("crc32c", "another_codec"))
     with pytest.raises(SchemaError, match="data_type: found float64, expected float32"):
         run(tmp_path / "col", captures)

@@ -1,0 +1,103 @@
+"""Whether everything that the ledger calls finished is still whole on the disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lfflow.collection import catalogue, template
+from lfflow.collection.collection import KINDS, Collection
+from lfflow.collection.records import DAMAGED, DONE, DamagedRecordError, Record
+from lfflow.collection.stores import Store
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is not as it should be; `capture` is empty where it concerns a whole store."""
+
+    what: str
+    capture: str
+    reason: str
+
+
+def validate(collection: Collection, *, mark: bool = True) -> list[Finding]:
+    """Check catalogue, ledger, metadata and every finished region against checksums and schema.
+
+    With `mark`, what is damaged is no longer called finished: it vanishes from `Collection.open`, and the next run
+    makes it anew.
+    """
+    found: list[Finding] = []
+    try:
+        catalogue.load(collection.storage)
+    except catalogue.DamagedCatalogueError as error:
+        found.append(Finding("catalogue", "", str(error)))
+    for kind in KINDS:
+        store = collection.store(kind)
+        for group in store.groups():
+            found += _check_metadata(store, group)
+        records: dict[str, Record] = {}
+        for capture in collection.ledger.captures(kind):
+            try:
+                record = collection.ledger.read(kind, capture)
+            except DamagedRecordError as error:
+                found.append(Finding("ledger", capture, str(error)))
+                if mark:
+                    collection.ledger.remove(kind, capture, DONE)
+                continue
+            if record is not None:
+                records[capture] = record
+        for capture, record in records.items():
+            reasons = _check_region(store, record)
+            found += [Finding(kind, capture, reason) for reason in reasons]
+            if reasons and mark:
+                collection.ledger.move(record, DAMAGED)
+        found += _check_small(store, records)
+    return found
+
+
+def _check_region(store: Store, record: Record) -> list[str]:
+    reasons = []
+    for name, wanted in record.files.items():
+        try:
+            if store.storage.digest(name) != wanted:
+                reasons.append(f"{name} does not match its checksum")
+        except FileNotFoundError:
+            reasons.append(f"{name} is missing")
+        except OSError as error:
+            reasons.append(f"{name} cannot be read: {error.strerror or error}")
+    return reasons
+
+
+def _check_metadata(store: Store, group: str) -> list[Finding]:
+    manifest = store.manifest(group)
+    if manifest is None:
+        return []
+    found = []
+    for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, {}, values=False).items():
+        name = f"{store.folder}/{key}"
+        try:
+            differences = template.differences(store.storage.read(name), wanted)
+        except FileNotFoundError:
+            differences = ["missing"]
+        found += [Finding("metadata", "", f"{name}: {difference}") for difference in differences]
+    return found
+
+
+def _check_small(store: Store, records: dict[str, Record]) -> list[Finding]:
+    """Compare axes and small variables with what the ledger says they are."""
+    found = []
+    for group in store.groups():
+        manifest = store.manifest(group)
+        if manifest is None:
+            continue
+        mine = {name: record for name, record in records.items() if record.group == group}
+        for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, mine).items():
+            if key.endswith("zarr.json"):
+                continue
+            name = f"{store.folder}/{key}"
+            try:
+                same = store.storage.read(name) == wanted
+            except FileNotFoundError:
+                same = False
+            if not same:
+                found.append(Finding("small variables", "", f"{name} does not match the ledger"))
+    return found
