@@ -1,0 +1,182 @@
+"""Calibration (seed chapter 6): where the lenses are, and how they shade, from a white image or any picture."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from lfflow.cameras import KNOWN_CAMERAS
+from lfflow.kernels.centres import flatten_scene, measure_centres
+from lfflow.kernels.defects import flag_pixels
+from lfflow.kernels.equalise import equalise
+from lfflow.kernels.lattice_fit import Fit, fit
+from lfflow.kernels.spectrum import start
+from lfflow.kernels.subimage import mean_profile, spread_profile, white_vignetting
+from lfflow.lattice import ARRANGEMENTS
+from lfflow.schema import CALIBRATION, PARAMETERS
+from lfflow.schema.declarations import METHOD_FLAGS
+
+Method = Literal["white", "self"]
+Image = npt.NDArray[np.float32]
+
+_SENSOR = ["y", "x"]
+_TILE = ["tile_y", "tile_x"]
+_HOT_FACTOR = {METHOD_FLAGS["white"]: 1.35, METHOD_FLAGS["self"]: 2.0}
+_OUTPUTS: tuple[tuple[list[str], type], ...] = (
+    (["parameter"], np.float64),
+    (["parameter", "parameter_b"], np.float64),
+    ([], np.uint8),
+    ([], np.float64),
+    ([], np.int64),
+    (_SENSOR, np.float32),
+    (_SENSOR, np.uint8),
+)
+
+
+def calibrate(raw: xr.Dataset, method: Method | None = None) -> xr.Dataset:
+    """Lattice, vignetting and defects of a raw frame; nothing in its metadata is trusted.
+
+    Parameters
+    ----------
+    raw
+        `lfflow.schema.RAW`: ``raw(y, x)`` in counts, with or without a ``capture`` dim, numpy or dask.
+    method
+        "white": the frame shows an even light. "self": it is a picture; the scene is divided out first.
+        By default what ``raw.kind`` says.
+
+    Returns
+    -------
+    calibration
+        `lfflow.schema.CALIBRATION`, lazy where `raw` is: lattice in sensor pixels and radians (seed equation 6.1),
+        its covariance, ``vignetting(y, x)`` relative to its peak, ``pixel_flags(y, x)``. The lattice is numbered for
+        the grid of the camera model where that is known, else for its own (`Lattice.anchored`).
+
+    Raises
+    ------
+    LatticeNotFoundError
+        The picture is too dark or too flat to carry a lattice (when computed).
+    """
+    outputs = xr.apply_ufunc(
+        _calibrate_frame,
+        raw["raw"],
+        _tile(raw, "black_level"),
+        _tile(raw, "white_level"),
+        _method(raw, method),
+        _grid(raw),
+        input_core_dims=[_SENSOR, _TILE, _TILE, [], ["grid"]],
+        output_core_dims=[dims for dims, _ in _OUTPUTS],
+        output_dtypes=[dtype for _, dtype in _OUTPUTS],
+        vectorize=True,
+        dask="parallelized",
+        dask_gufunc_kwargs={"allow_rechunk": True, "output_sizes": {"parameter": 5, "parameter_b": 5}},
+        keep_attrs=False,
+    )
+    numbers, covariance, arrangement, rms, count, vignetting, flags = outputs
+    variables = {name: numbers.isel(parameter=index, drop=True) for index, name in enumerate(PARAMETERS)}
+    variables |= {"arrangement": arrangement, "covariance": covariance, "residual_rms": rms, "lens_count": count}
+    variables |= {"method": _method(raw, method), "vignetting": vignetting, "pixel_flags": flags}
+    axes = {dim: raw[dim] if dim in raw.coords else np.arange(raw.sizes[dim]) for dim in _SENSOR}
+    cal = xr.Dataset({name: value.reset_coords(drop=True) for name, value in variables.items()})
+    if "capture" in raw.coords:
+        axes["capture"] = raw["capture"]
+    cal = cal.assign_coords({**axes, "parameter": list(PARAMETERS)})
+    return CALIBRATION.annotate(cal)
+
+
+def _calibrate_frame(
+    raw: npt.NDArray[np.uint16],
+    black: npt.NDArray[np.float64],
+    white: npt.NDArray[np.float64],
+    method: np.uint8,
+    grid: npt.NDArray[np.int64],
+) -> tuple[Any, ...]:
+    raw = np.ascontiguousarray(raw)
+    gray, gains = equalise(raw, black)
+    found, flat = locate(gray, scene=method == METHOD_FLAGS["self"], grid=(int(grid[0]), int(grid[1])))
+    if method == METHOD_FLAGS["self"]:
+        vignetting = spread_profile(mean_profile(flat, found.lattice), found.lattice, raw.shape)
+    else:
+        vignetting = white_vignetting(gray)
+    floor = max(0.1, 0.01 * float(((white - black) * gains).max()))
+    numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
+    arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))
+    hot_factor = _HOT_FACTOR[int(method)]
+    flags = flag_pixels(raw, gray, white, floor, hot_factor)
+    return numbers, found.covariance, arrangement, found.rms, np.int64(found.count), vignetting, flags
+
+
+def locate(gray: Image, *, scene: bool, grid: tuple[int, int]) -> tuple[Fit, Image]:
+    """Lattice of a gray image, and the image that it was measured on; `grid` (0, 0) is the lattice's own."""
+    first = start(gray)
+    flat = flatten_scene(gray, first.dh) if scene else gray
+    return fit(measure_centres(flat, first), first, (gray.shape[0], gray.shape[1]), grid if all(grid) else None), flat
+
+
+def _method(raw: xr.Dataset, method: Method | None) -> xr.DataArray:
+    if method is not None:
+        code = np.uint8(METHOD_FLAGS[method])
+        like = raw["kind"] if "kind" in raw.variables else xr.DataArray("")
+        return xr.full_like(like.reset_coords(drop=True), code, dtype=np.uint8)
+    codes: xr.DataArray = xr.apply_ufunc(
+        lambda kind: np.uint8(METHOD_FLAGS["white" if str(kind) == "white" else "self"]),
+        raw["kind"].reset_coords(drop=True),
+        output_dtypes=[np.uint8],
+        vectorize=True,
+        dask="parallelized",
+    )
+    return codes
+
+
+def _tile(raw: xr.Dataset, name: str) -> xr.DataArray:
+    """Level of each site of the 2×2 tile, dims (tile_y, tile_x) and those of the pattern."""
+    pattern, levels = raw["cfa_pattern"], raw[name]
+
+    def place(text: object, level: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.array([level[index] for index in site_indices(str(text))], dtype=float).reshape(2, 2)
+
+    tile: xr.DataArray = xr.apply_ufunc(
+        place,
+        pattern.reset_coords(drop=True),
+        levels.reset_coords(drop=True).drop_vars("site", errors="ignore"),
+        input_core_dims=[[], ["site"]],
+        output_core_dims=[_TILE],
+        output_dtypes=[np.float64],
+        vectorize=True,
+        dask="parallelized",
+        dask_gufunc_kwargs={"output_sizes": {"tile_y": 2, "tile_x": 2}, "allow_rechunk": True},
+    )
+    return tile
+
+
+def site_indices(pattern: str) -> list[int]:
+    """Index into (r, gr, gb, b) of each of the four pixels of a tile such as "BGGR"."""
+    indices = []
+    for place, colour in enumerate(pattern):
+        row = pattern[place // 2 * 2 : place // 2 * 2 + 2]
+        indices.append({"R": 0, "B": 3, "G": 1 if "R" in row else 2}[colour])
+    return indices
+
+
+def _grid(raw: xr.Dataset) -> xr.DataArray:
+    """Rows and columns (t, s) of the camera model of each capture, (0, 0) where it is not known."""
+    size = (raw.sizes["y"], raw.sizes["x"])
+
+    def shape_of(model: object) -> npt.NDArray[np.int64]:
+        camera = KNOWN_CAMERAS.get(str(model))
+        known = camera is not None and (camera.height, camera.width) == size
+        return np.array(camera.grid_shape if camera is not None and known else (0, 0), dtype=np.int64)
+
+    model = raw["camera_model"] if "camera_model" in raw.variables else xr.DataArray("")
+    grid: xr.DataArray = xr.apply_ufunc(
+        shape_of,
+        model.reset_coords(drop=True),
+        output_core_dims=[["grid"]],
+        output_dtypes=[np.int64],
+        vectorize=True,
+        dask="parallelized",
+        dask_gufunc_kwargs={"output_sizes": {"grid": 2}},
+    )
+    return grid

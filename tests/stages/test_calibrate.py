@@ -1,0 +1,138 @@
+"""`calibrate` on closed-form white images and pictures, lazily, with captures, and on the real F01 pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from lfflow.errors import LatticeNotFoundError
+from lfflow.lattice import Lattice
+from lfflow.schema import CALIBRATION, lattice_of
+from lfflow.stages.calibrate import calibrate, site_indices
+
+TRUTH = Lattice(dh=9.9346, dv=9.9395, theta=-0.0048, cx=3.3, cy=4.4)
+SIZE = (480, 520)
+
+
+def subimages(lattice: Lattice, shape: tuple[int, int]) -> np.ndarray:
+    """A soft disc of radius 0.45 pitches about every lens: written from the lattice's definition alone."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    centre_x, centre_y = lattice.centres(*lattice.nearest(x, y))
+    distance = np.hypot(x - centre_x, y - centre_y)
+    return 1 / (1 + np.exp((distance - 0.45 * lattice.dh) / 0.5))
+
+
+def frame(light: np.ndarray, kind: str, *, pattern: str = "BGGR", seed: int = 1) -> xr.Dataset:
+    gains = {"R": 0.7, "G": 1.0, "B": 0.5}
+    colours = np.array([gains[colour] for colour in pattern]).reshape(2, 2)
+    level = light * np.tile(colours, (light.shape[0] // 2, light.shape[1] // 2)) * 2500
+    noisy = np.random.default_rng(seed).normal(level + 168, np.sqrt(level + 25))
+    return xr.Dataset(
+        {"raw": (("y", "x"), np.clip(np.rint(noisy), 0, 4095).astype(np.uint16))},
+        coords={
+            "y": np.arange(light.shape[0]),
+            "x": np.arange(light.shape[1]),
+            "site": ["r", "gr", "gb", "b"],
+            "kind": kind,
+            "capture": f"{kind}_{seed}",
+            "cfa_pattern": pattern,
+            "black_level": ("site", np.full(4, 168.0)),
+            "white_level": ("site", np.full(4, 4095.0)),
+            "mla_rotation": 0.5,
+        },
+    )
+
+
+def scene(shape: tuple[int, int]) -> np.ndarray:
+    """A texture with edges, darker to the right."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    blocks = np.random.default_rng(3).uniform(0.2, 1, (9, 9))[(y // 60).astype(int) % 9, (x // 61).astype(int) % 9]
+    return blocks * (1 + 0.3 * np.sin(x / 7.3 + y / 11.1)) * (1.2 - x / shape[1])
+
+
+@pytest.fixture(scope="module")
+def white() -> xr.Dataset:
+    return frame(subimages(TRUTH, SIZE), "white")
+
+
+@pytest.fixture(scope="module")
+def picture() -> xr.Dataset:
+    return frame(subimages(TRUTH, SIZE) * scene(SIZE), "scene")
+
+
+def test_white_image(white: xr.Dataset) -> None:
+    cal = calibrate(white)
+    CALIBRATION.check(cal)
+    assert lattice_of(cal).distance_to(TRUTH, *SIZE) < 0.005
+    assert int(cal["method"]) == 0
+    assert float(cal["vignetting"].max()) == 1
+    anchored = lattice_of(cal).anchored(*SIZE)
+    assert (anchored.cx, anchored.cy) == pytest.approx((float(cal["cx"]), float(cal["cy"])), abs=1e-9)
+
+
+def test_picture_without_white_image(picture: xr.Dataset) -> None:
+    cal = calibrate(picture)
+    assert lattice_of(cal).distance_to(TRUTH, *SIZE) < 0.1
+    assert int(cal["method"]) == 1
+    light = subimages(TRUTH, SIZE)
+    assert float(np.abs(cal["vignetting"].values - light)[20:-20, 20:-20].mean()) < 0.08
+
+
+def test_method_can_be_forced(white: xr.Dataset) -> None:
+    cal = calibrate(white, method="self")
+    assert int(cal["method"]) == 1
+    assert lattice_of(cal).distance_to(TRUTH, *SIZE) < 0.02
+
+
+def test_lazy_captures_give_the_same_numbers(white: xr.Dataset, picture: xr.Dataset, no_compute: None) -> None:
+    both = xr.concat([white, picture], "capture", coords="different", compat="equals", join="outer", data_vars="all")
+    lazy = calibrate(both.transpose("x", "capture", "y", "site").chunk(y=100, x=130, capture=1))
+    import dask
+
+    with dask.config.set(scheduler="synchronous"):
+        lazy = lazy.compute()
+    for index, single in enumerate((white, picture)):
+        expected = calibrate(single)
+        for name in expected.data_vars:
+            np.testing.assert_array_equal(
+                lazy[name].isel(capture=index).transpose(*expected[name].dims), expected[name], str(name)
+            )
+    assert list(lazy["capture"].values) == ["white_1", "scene_1"]
+
+
+def test_defects_are_flagged(white: xr.Dataset) -> None:
+    raw = white["raw"].values.copy()
+    t, s = TRUTH.nearest(260, 240)
+    x, y = (int(np.rint(value)) for value in TRUTH.centres(t, s))
+    raw[y, x] = 170
+    raw[y, x + 5], raw[y + 30, x] = 4000, 4095
+    flags = calibrate(white.assign(raw=(("y", "x"), raw)))["pixel_flags"].values
+    assert flags[y, x] & 2
+    assert flags[y, x + 5] & 1
+    assert flags[y + 30, x] & 4
+    assert (flags != 0).sum() < 10
+
+
+@pytest.mark.parametrize(("level", "reason"), [(0.0, "dark"), (0.5, "flat")])
+def test_refusal_names_the_reason(level: float, reason: str) -> None:
+    with pytest.raises(LatticeNotFoundError, match=reason):
+        calibrate(frame(np.full(SIZE, level), "scene"))
+
+
+def test_sites_follow_the_pattern() -> None:
+    assert site_indices("BGGR") == [3, 2, 1, 0]
+    assert site_indices("GRBG") == [1, 0, 3, 2]
+
+
+def test_real_pictures_share_one_lattice(shared_data: Path) -> None:
+    found = []
+    for name in ("IMG_1.lfp", "IMG_2.lfp"):
+        with xr.open_dataset(shared_data / "f01" / name, engine="lfp") as raw:
+            found.append(lattice_of(calibrate(raw)))
+    assert found[0].distance_to(found[1], 3280, 3280) < 0.2
+    for lattice in found:
+        assert lattice.dh == pytest.approx(9.93, abs=0.01)
+        assert np.degrees(lattice.theta) == pytest.approx(-0.28, abs=0.01)
