@@ -28,10 +28,10 @@ NEAR = 0.1
 def demo(
     folder: Path,
     *,
-    input: Path | None = None,
+    input: Path | None = None,  # noqa: A002 - the name of the option
     captures: int = 3,
     seed: int = 0,
-    size: int | None = None,  # noqa: A002
+    size: int | None = None,
 ) -> int:
     """Simulate a collection, or take one; run the chain; say what was made and how good it is.
 
@@ -92,7 +92,7 @@ def print_disparities(collection: Collection, files: Path) -> None:
             error, known = disparity_error(
                 disparity.sel(capture=name), lightfield.sel(capture=name), open_truth(files, str(name))
             )
-            right = np.mean(np.where(known, np.abs(error) <= NEAR, False))
+            right = np.mean(known & (np.abs(np.nan_to_num(error)) <= NEAR))
             print(
                 f"  {name}: {100 * right:.1f} % within {NEAR}, "
                 f"median error {np.median(np.abs(error[known])):.4f}, found at {100 * known.mean():.1f} %"
