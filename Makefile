@@ -5,7 +5,7 @@ DEMO ?= demo
 INPUT ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check fmt test-heavy test-faults fuzz benchmark lock
+.PHONY: help demo test check fmt test-heavy test-faults fuzz fuzz-coverage benchmark lock
 
 help:                ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*##\(.*\)/\1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
@@ -33,6 +33,13 @@ fmt: $(STAMP)        ## format the code
 
 test-heavy: $(STAMP) ## the tests that take minutes
 	$(BIN)/pytest -m heavy
+
+fuzz: $(STAMP)       ## feed a million broken files to every reader
+	$(BIN)/python tests/formats/fuzz_formats.py --mutations 1000000
+
+fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, installed here)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
+	$(BIN)/python tests/formats/fuzz_formats.py --coverage -runs=1000000 -max_len=65536
 
 lock: $(STAMP)       ## write constraints.txt from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt

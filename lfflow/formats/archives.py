@@ -112,8 +112,11 @@ def archive_members(path: str | os.PathLike[str]) -> list[Member]:
 
 def storage_members(container: Container) -> list[Member]:
     """The named files of a storage container."""
+    listed = container.toc.value.get("files")
+    if not isinstance(listed, list):
+        raise StructureError(container.path, "table of contents", "no list of files", "a storage container")
     members = []
-    for number, item in enumerate(container.toc.value.get("files") or []):
+    for number, item in enumerate(listed):
         where = f"files[{number}]"
         name = at(item, "name")
         if not isinstance(name, str):

@@ -5,6 +5,7 @@ Byte mutation alone seldom gets past the hashes; here most mutants have right on
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import struct
@@ -13,9 +14,9 @@ from random import Random
 from typing import Any
 
 HOSTILE: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 2, 7, 10, 12, 16, 255, 65536, 2**31, 2**32, 2**63, 10**400, -(2**63), 0.5, 1e308, -1e-308, "", "x",
-    "big", "little", "gr", "b", "sha1-", "sha1-" + "0" * 40, "\x1b[2J", "../../x", "é\ud800", [], {}, [[]], [None] * 20, {"": {}},
-    [1] * 9, ["a"] * 9,
+    None, True, False, 0, -1, 1, 2, 7, 10, 12, 16, 255, 65536, 2**31, 2**32, 2**63, 10**400, -(2**63), 0.5, 1e308, -1e-308,
+    "", "x", "big", "little", "gr", "b", "sha1-", "sha1-" + "0" * 40, "\x1b[2J", "../../x", "é\ud800", [], {}, [[]], [None] * 20,
+    {"": {}}, [1] * 9, ["a"] * 9,
 )  # fmt: skip
 HEAD = struct.Struct(">8sII")
 
@@ -48,9 +49,9 @@ class Container:
 
 
 def mutate_json(value: Any, random: Random) -> Any:
-    """A copy with one to three places changed."""
+    """A copy with one or two places changed."""
     value = json.loads(json.dumps(value))
-    for _ in range(random.choice((1, 1, 1, 2, 3))):
+    for _ in range(random.choice((1, 1, 1, 2, 2))):
         value = _change(value, random)
     return value
 
@@ -86,13 +87,11 @@ def _change(value: Any, random: Random) -> Any:
         del parent[key]
     elif kind == 1:
         other, name = random.choice(places)
-        try:
+        with contextlib.suppress(KeyError, IndexError):
             parent[key] = json.loads(json.dumps(other[name]))
-        except (KeyError, IndexError):
-            pass
     elif kind == 2:
         deep: Any = parent[key]
-        for _ in range(random.choice((1, 5, 70, 300))):
+        for _ in range(random.choice((1, 5, 70, 200))):
             deep = [deep] if random.random() < 0.5 else {"a": deep}
         parent[key] = deep
     else:

@@ -82,6 +82,7 @@ def containers() -> dict[str, Container]:
     web = {"width": 7, "height": 5, "perImage": [{"focus": 1, "imageRef": "@jpeg"}], "depthMap": {"width": 2, "height": 2, "imageRef": "@lut"}}  # fmt: skip  # noqa: E501
     image, text = pair_bytes(raw(12), f01, PRIVATE)
     files = [{"name": f"C:\\T1CALIB\\MOD_0000.{end}", "dataRef": f"@{end}"} for end in ("RAW", "TXT")]
+    embedded = {"metadata": illum, "privateMetadata": PRIVATE, "imageRef": "@image"}
     lut = np.arange(4, dtype="<f4").tobytes()
     hot = (2).to_bytes(4, "little") + np.arange(4, dtype="<i2").tobytes()
     raw_chunks = {"metadata": f01, "private": PRIVATE, "image": packed}
@@ -89,12 +90,12 @@ def containers() -> dict[str, Container]:
     return {
         "lfp": Container({"picture": picture}, raw_chunks),
         "lfr": Container({"frames": [lfr], "views": []}, lfr_chunks),
-        "embedded": Container({"frames": [{"frame": {"metadata": illum, "privateMetadata": PRIVATE, "imageRef": "@image"}}]}, {"image": ten}),  # fmt: skip  # noqa: E501
+        "embedded": Container({"frames": [{"frame": embedded}]}, {"image": ten}),
         "stk": Container({"picture": {"accelerationArray": [stack]}}, {"lut": lut, "jpeg": jpeg()}),
         "dm": Container({"picture": {"accelerationArray": [{"vendorContent": depth}]}}, {"lut": lut}),
         "web": Container({"frames": [], "views": [{"accelerations": [web]}]}, {"lut": lut, "jpeg": jpeg()}),
         "storage": Container({"files": files}, {"RAW": image, "TXT": text}),
-    }  # fmt: skip
+    }
 
 
 def flat_files(folder: Path) -> dict[str, bytes]:
