@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from lfflow.errors import LfflowError
+from lfflow.stages.depth import depth
+
+F, PITCH, LENS, GAP = 0.00684, 1.4e-6, 14e-6, 25e-6
+
+
+def capture(z: np.ndarray, focus: float, sigma: float = 0.01) -> xr.Dataset:
+    """Disparities by tracing two rays: a view step moves the pupil by δB/f, the lens plane lies at B."""
+    behind = 1 / (1 / F - 1 / focus)
+    image = 1 / (1 / F - 1 / z)
+    pupil = PITCH * behind / GAP
+    shift = pupil * (1 - behind / image) / LENS
+    coords = {"focal_length": F, "pixel_pitch": PITCH, "lens_pitch": LENS, "mla_offset_z": GAP}
+    # 1 − B/z' is negative for a point behind the plane in focus, whose disparity is negative.
+    data = {"disparity": ("s", -shift if shift[0] < 0 and z[0] < focus else shift),
+            "disparity_std": ("s", np.full(z.shape, sigma))}  # fmt: skip
+    return xr.Dataset(data, coords)
+
+
+def test_depth_is_that_of_the_thin_lens() -> None:
+    z = np.array([0.2, 0.5, 1.0, 3.0])
+    found = depth(capture(z, focus=0.8), focus_distance=0.8)
+    np.testing.assert_allclose(found["depth"], z, rtol=1e-4)
+    assert found["depth"].attrs["units"] == "m"
+
+
+def test_the_wide_end_of_an_f01_has_disparity_0_94_at_20_cm() -> None:
+    ds = capture(np.array([0.2, 1.0]), focus=1e9)
+    np.testing.assert_allclose(ds["disparity"], [0.94, 0.19], atol=0.01)
+
+
+def test_two_thirds_of_noisy_depths_lie_within_the_stated_deviation() -> None:
+    rng, sigma = np.random.default_rng(0), 0.005
+    z = np.full(20000, 0.4)
+    ds = capture(z, focus=0.8, sigma=sigma)
+    ds["disparity"] = ds["disparity"] + rng.normal(0, sigma, z.shape)
+    found = depth(ds, focus_distance=0.8)
+    within = np.abs(found["depth"] - 0.4) < found["depth_std"]
+    assert float(within.mean()) == pytest.approx(0.683, abs=0.015)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_distance_in_focus_is_fitted_to_known_points_and_said_so(count: int) -> None:
+    z = np.array([0.2, 0.5, 1.0])
+    ds = capture(z, focus=0.7)
+    known = [(float(ds["disparity"][k]), float(z[k])) for k in range(count)]
+    found = depth(ds, known=known)
+    np.testing.assert_allclose(found["depth"], z, rtol=1e-3)
+    assert found["depth"].attrs["focus_distance"] == "fitted to known depths"
+
+
+def test_points_beyond_infinity_have_no_depth() -> None:
+    ds = capture(np.array([0.5, 1.0]), focus=0.8)
+    ds["disparity"] = ds["disparity"] - 10
+    assert np.isnan(depth(ds, focus_distance=0.8)["depth"]).all()
+
+
+def test_what_is_missing_is_named() -> None:
+    ds = capture(np.array([0.5]), focus=0.8)
+    with pytest.raises(LfflowError, match="focus_distance"):
+        depth(ds)
+    with pytest.raises(LfflowError, match="lens_pitch"):
+        depth(ds.assign_coords(lens_pitch=np.nan), focus_distance=0.8)
+    with pytest.raises(LfflowError, match="contradict"):
+        depth(ds, known=[(0.1, 1.0), (0.2, 2.0)])
