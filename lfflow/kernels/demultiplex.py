@@ -98,7 +98,7 @@ _HALF_HEIGHT = math.sqrt(3) / 2
 
 
 @numba.njit(nogil=True, cache=True)
-def _owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: no cover - compiled
+def owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: no cover - compiled
     """Lens (t, s) nearest to a point in lens pitches: `Lattice.nearest`, operation by operation."""
     if not hexagonal:
         return math.floor(gy + 0.5), math.floor(gx + 0.5)
@@ -132,7 +132,7 @@ def _scatter(
             if flags[y, x] != 0 or not shade >= least:
                 continue
             px = x - cx
-            t, s = _owner((cos * px + sin * py) / dh, (-sin * px + cos * py) / dv, hexagonal)
+            t, s = owner((cos * px + sin * py) / dh, (-sin * px + cos * py) / dv, hexagonal)
             if t < 0 or t >= rows or s < 0 or s >= columns:
                 continue
             u = x - centre_x[t, s] + radius_u
