@@ -1,0 +1,92 @@
+"""What the pictures show, by their pixels."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import xarray as xr
+
+from lfflow.lattice import Lattice
+from lfflow.simulate import Layer, Scene, simulate_capture, simulate_white
+from lfflow.simulate.texture import flat_texture
+from lfflow.stages.demultiplex import demultiplex
+from lfflow.viz.display import to_square, to_srgb, view_colours
+from lfflow.viz.quicklook import draw_quicklook, telling_row
+from lfflow.viz.report import ReportRow, report_page
+
+LATTICE = Lattice(10.0086, 10.0103, 0.00143, 3.3, 4.7)
+SIZE = {"height": 260, "width": 260}
+COLOUR = (0.3, 0.4, 0.2)
+
+
+@pytest.fixture(scope="module")
+def field() -> xr.Dataset:
+    raw, _ = simulate_capture(LATTICE, Scene([Layer(flat_texture(COLOUR))]), noise=False, views=(0,), **SIZE)
+    _, truth = simulate_white(LATTICE, noise=False, **SIZE)
+    return demultiplex(raw, truth.rename(defects="pixel_flags"), radius=5).load()
+
+
+@pytest.fixture(scope="module")
+def disparity(field: xr.Dataset) -> xr.Dataset:
+    t, s = field["t"], field["s"]
+    d = xr.where((t == 12) & (s > 10), 0.4, 0.0) + 0 * s
+    return xr.Dataset({"disparity": d.astype("float32"), "disparity_std": (0.1 * abs(d)).astype("float32")})
+
+
+def test_a_flat_scene_is_shown_in_its_own_colour_everywhere(field: xr.Dataset) -> None:
+    colours = view_colours(field, 0, 0)
+    inner = colours[4:-4, 4:-4]
+    np.testing.assert_allclose(inner, np.broadcast_to(COLOUR, inner.shape), atol=2e-3)
+
+
+def test_grey_is_shown_grey(field: xr.Dataset) -> None:
+    grey = (1 / field["white_balance"].values * 0.25).astype(np.float32)
+    shown = to_srgb(np.broadcast_to(grey, (2, 2, 3)), field, white=0.5)
+    np.testing.assert_allclose(shown, 0.5 ** float(field["gamma"]), atol=2e-3)
+
+
+def test_square_pixels_undo_the_brick(field: xr.Dataset) -> None:
+    """A plane X + 2·Y over the lens centres is the same plane over the pixels."""
+    lattice = Lattice(*(float(field[n]) for n in ("dh", "dv", "theta", "cx", "cy")))
+    t, s = np.meshgrid(np.arange(field.sizes["t"]), np.arange(field.sizes["s"]), indexing="ij")
+    plane = (s + lattice.row_offset(t) + 2 * t * lattice.row_pitch).astype(np.float32)
+    square = to_square(plane, field)
+    y, x = np.mgrid[: square.shape[0], : square.shape[1]].astype(float)
+    expected = ((x + 0.5) / 2 - 0.5) + 2 * ((y + 0.5) / 2 - 0.5 * lattice.row_pitch)
+    inside = slice(8, -8), slice(8, -8)
+    np.testing.assert_allclose(square[inside], expected[inside], atol=0.04)
+
+
+def test_the_epipolar_image_is_of_the_row_with_most_depth(disparity: xr.Dataset) -> None:
+    assert telling_row(disparity) == 12
+
+
+def test_a_picture_is_written_also_from_threads(field: xr.Dataset, disparity: xr.Dataset, tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.png" for number in range(2)]
+    threads = [threading.Thread(target=draw_quicklook, args=(field, disparity, path)) for path in paths]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    first, second = (cv2.imread(str(path)) for path in paths)
+    assert first.shape == (1160, 1500, 3)
+    np.testing.assert_array_equal(first, second)
+    assert first.std() > 20
+
+
+def test_the_page_is_whole_and_safe(tmp_path: Path) -> None:
+    picture = tmp_path / "IMG_1.png"
+    cv2.imwrite(str(picture), np.zeros((80, 100, 3), np.uint8))
+    rows = [
+        ReportRow("IMG_1", "scene", "F01", {"ISO": "100"}, {"disparity": "done"}, {"disparity": 1.5}, picture=picture),
+        ReportRow("<b>", "", "", states={"disparity": "unreadable"}, reason="cut <off> & empty"),
+    ]
+    page = report_page("two", "/somewhere", rows)
+    assert "cut &lt;off&gt; &amp; empty" in page
+    assert "<td><b></td>" not in page
+    assert "data:image/jpeg;base64," in page
+    assert "http" not in page.replace("http-equiv", "")
