@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lfflow.simulate.capture import simulate_capture, simulate_white
     from lfflow.simulate.collection import open_truth, simulate_collection
+    from lfflow.simulate.from_views import simulate_from_views
     from lfflow.simulate.natural import natural_scene
     from lfflow.simulate.optics import Optics
     from lfflow.simulate.scene import Layer, Scene, Texture
@@ -17,6 +18,7 @@ _HOME = {
     "simulate_white": "lfflow.simulate.capture",
     "open_truth": "lfflow.simulate.collection",
     "simulate_collection": "lfflow.simulate.collection",
+    "simulate_from_views": "lfflow.simulate.from_views",
     "natural_scene": "lfflow.simulate.natural",
     "Optics": "lfflow.simulate.optics",
     "Layer": "lfflow.simulate.scene",
@@ -33,6 +35,7 @@ __all__ = [
     "open_truth",
     "simulate_capture",
     "simulate_collection",
+    "simulate_from_views",
     "simulate_white",
 ]
 
