@@ -57,6 +57,36 @@ class LightFieldAccessor:
 
         return self._dataset().pipe(usable_views, least)
 
+    def refocus(self, d: Any = 0.0, **options: Any) -> xr.DataArray:
+        """Picture focused on disparity ``d``; several make a focal stack (`lfflow.stages.refocus.refocus`)."""
+        from lfflow.stages.refocus import refocus
+
+        return self._dataset().pipe(refocus, d, **options)
+
+    def all_in_focus(self, **options: Any) -> xr.DataArray:
+        """Every point in focus (`lfflow.stages.refocus.all_in_focus`)."""
+        from lfflow.stages.refocus import all_in_focus
+
+        return self._dataset().pipe(all_in_focus, **options)
+
+    def depth_of_field(self, d0: float, width: float, **options: Any) -> xr.DataArray:
+        """Picture sharp within ``d0 ± width/2`` (`lfflow.stages.refocus.depth_of_field`)."""
+        from lfflow.stages.refocus import depth_of_field
+
+        return self._dataset().pipe(depth_of_field, d0, width, **options)
+
+    def depth(self, **options: Any) -> xr.Dataset:
+        """Metres from disparity, with their deviation (`lfflow.stages.depth.depth`)."""
+        from lfflow.stages.depth import depth
+
+        return self._dataset().pipe(depth, **options)
+
+    def epi_lines(self, **options: Any) -> xr.Dataset:
+        """Epipolar image and the lines of the disparity in it (`lfflow.stages.epi.epi`)."""
+        from lfflow.stages.epi import epi
+
+        return self._dataset().pipe(epi, **options)
+
     def to_lftoolbox(self) -> xr.Dataset:
         """Dataset under the letters of LFToolbox (`lfflow.stages.samples.to_lftoolbox`)."""
         from lfflow.stages.samples import to_lftoolbox

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from analytic_field import lens_places, make_field, scene
 
+import lfflow.accessor  # noqa: F401
 from lfflow.errors import LfflowError
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_of
@@ -78,6 +79,13 @@ def test_all_in_focus_keeps_both_layers_and_a_narrow_depth_of_field_one() -> Non
     narrow = depth_of_field(views, 0.3, 0.1)
     np.testing.assert_allclose(narrow.isel(near), sharp.isel(near), atol=0.012)
     assert float((narrow.isel(far).diff("s") ** 2).mean()) < 0.7 * float((sharp.isel(far).diff("s") ** 2).mean())
+
+
+def test_the_accessor_pipes_to_the_same_functions() -> None:
+    views = views_of([(0.1, -99.0)])
+    np.testing.assert_array_equal(views.lf.refocus(d=0.1), refocus(views, 0.1))
+    np.testing.assert_array_equal(views.lf.all_in_focus(), all_in_focus(views))
+    np.testing.assert_array_equal(views.lf.depth_of_field(0.0, 0.1), depth_of_field(views, 0.0, 0.1))
 
 
 def test_it_stays_lazy(no_compute: None) -> None:
