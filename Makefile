@@ -31,6 +31,9 @@ fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+test-faults: $(STAMP) ## kills, crashes and full disks, in their long form
+	$(BIN)/pytest -m 'heavy or not heavy' tests/run/test_faults.py tests/run/test_cluster.py
+
 test-heavy: $(STAMP) ## the tests that take minutes
 	$(BIN)/pytest -m heavy
 
@@ -39,7 +42,7 @@ fuzz: $(STAMP)       ## feed a million broken files to every reader
 
 fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, installed here)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
-	$(BIN)/python tests/formats/fuzz_formats.py --coverage -runs=1000000 -max_len=65536
+	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536
 
 lock: $(STAMP)       ## write constraints.txt from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt

@@ -53,18 +53,20 @@ def scan(
     *,
     white: Sequence[Path] = (),
     dark: Sequence[Path] = (),
+    again: bool = False,
 ) -> pd.DataFrame:
     """Catalogue with a row for each of `files` beside the rows that were there.
 
     A file whose size and time are as the catalogue has them is not read again; `white` and `dark` are told to be so,
-    whatever their metadata say.
+    whatever their metadata say; with `again`, files that could not be read before are tried anew.
     """
     told = {**dict.fromkeys(map(str, white), "white"), **dict.fromkeys(map(str, dark), "dark")}
     rows: dict[str, Row] = {row["path"]: row for row in _rows(known)}
+    trusted = {path: row for path, row in rows.items() if not (again and row["reason"])}
     ids = {row["id"] for row in rows.values()}
     paths = sorted({str(path) for path in (*files, *white, *dark)})
     with ThreadPoolExecutor(_READERS) as readers:
-        fresh = list(readers.map(lambda path: _refresh(path, rows.get(path), open_raw, told.get(path, "")), paths))
+        fresh = list(readers.map(lambda path: _refresh(path, trusted.get(path), open_raw, told.get(path, "")), paths))
     for path, row in zip(paths, fresh, strict=True):
         row["id"] = rows[path]["id"] if path in rows else _new_id(path, ids)
         ids.add(row["id"])

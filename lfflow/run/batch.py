@@ -89,6 +89,7 @@ class Outcome:
 def scan_collection(out: str | os.PathLike[str], options: Options, chain: Chain = CHAIN) -> pd.DataFrame:
     """Bring the catalogue up to date with the input files; returns it."""
     collection = Collection(out)
+    chain = chain.accepting_damage() if options.accept_damaged else chain
     with run_lease(collection.storage):
         return _scan(collection, options, chain)
 
@@ -98,6 +99,7 @@ def run_collection(
 ) -> Outcome:
     """Do what is missing in a collection; raises CollectionError when another run holds it or it cannot be written."""
     collection = Collection(out)
+    chain = chain.accepting_damage() if options.accept_damaged else chain
     try:
         with run_lease(collection.storage):
             return _Run(collection, options, chain, progress).outcome()
@@ -119,7 +121,7 @@ def _scan(collection: Collection, options: Options, chain: Chain) -> pd.DataFram
         known = catalogue.frame([])
     files = find_files(options.inputs) if options.inputs else [Path(path) for path in known["path"]]
     told = find_files(options.white), find_files(options.dark)
-    table = scan(files, known, chain.open_raw, white=told[0], dark=told[1])
+    table = scan(files, known, chain.open_raw, white=told[0], dark=told[1], again=options.accept_damaged)
     table = choose(table, max_steps=_max_steps(options))
     catalogue.save(collection.storage, table)
     return table
@@ -159,7 +161,9 @@ class _Run:
         if self._options.where:
             found = select(self._collection.with_states(table), self._options.where)
             captures = frozenset(map(str, found["id"]))
-        request = Request(self._options.config, self._options.stages, captures, self._options.force)
+        request = Request(
+            self._options.config, self._options.stages, captures, self._options.force, self._options.accept_damaged
+        )
         return Planner(self._collection, self._chain, request, self._grids(table))
 
     def _grids(self, table: pd.DataFrame) -> dict[str, Grid]:

@@ -54,12 +54,13 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Which part of the collection to work on, and how."""
+    """Which part of the collection to work on, and how; `failed_again` tries what failed with the same input."""
 
     config: Parameters = field(default_factory=dict)
     stages: tuple[str, ...] = ()
     captures: frozenset[str] | None = None
     force: bool = False
+    failed_again: bool = False
 
 
 def fingerprint(
@@ -146,7 +147,11 @@ class Planner:
         if not wanted:
             return (SKIP, "not asked for") if record is not None else (BLOCKED, "not asked for")
         failure = self._failed[stage.name].get(capture)
-        if failure is not None and failure.fingerprint == mark and not failure.transient:
+        if (
+            failure is not None
+            and failure.fingerprint == mark
+            and not (failure.transient or self._request.failed_again)
+        ):
             return FAILED_BEFORE, failure.reason
         return RUN, self._reason(stage, record)
 
