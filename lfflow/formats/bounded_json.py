@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -86,6 +87,17 @@ def at(value: Any, *keys: str | int) -> Any:
                 return None
             value = value.get(key)
     return value
+
+
+def finite_number(value: Any) -> float:
+    """Value as float64; NaN where it is no number, or none that is finite."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        number = float(value)
+    except OverflowError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 def _refuse_constant(name: str) -> None:

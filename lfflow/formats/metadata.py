@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lfflow.conventions import CHANNELS, SITES
-from lfflow.formats.bounded_json import Json, at
+from lfflow.formats.bounded_json import Json, at, finite_number
 from lfflow.formats.errors import LimitError, MetadataError, UnsupportedError
 from lfflow.formats.layout import MAX_SAMPLES, PACKINGS, FrameLayout, Packing
 
@@ -86,7 +86,7 @@ def frame_metadata(metadata: Json, private: Json, tags: Json, path: str) -> Fram
         raise LimitError(path, "image size", found, f"at most {MAX_SAMPLES} pixels")
     black, white = _levels(details, layout.packing.bits, path)
     model = _text(metadata, "camera", "model")
-    gains = [_number(at(image, "color", "whiteBalanceGain", site)) for site in SITES]
+    gains = [finite_number(at(image, "color", "whiteBalanceGain", site)) for site in SITES]
     kind = "dark" if at(tags, "darkFrame") is True else "white" if at(tags, "modulationFrame") is True else "scene"
     orientation = at(image, "orientation")
     coords: dict[str, tuple[tuple[str, ...], Any]] = {
@@ -104,7 +104,7 @@ def frame_metadata(metadata: Json, private: Json, tags: Json, path: str) -> Fram
         "color_matrix": (("channel", "channel_in"), _matrix(image)),
     }
     for name, places in _NUMBERS.items():
-        found_numbers = (_number(at(metadata, *place)) for place in places)
+        found_numbers = (finite_number(at(metadata, *place)) for place in places)
         coords[name] = ((), np.float64(next((number for number in found_numbers if not math.isnan(number)), math.nan)))
     return FrameMetadata(layout, kind, coords)
 
@@ -131,7 +131,7 @@ def _packing(details: Any, path: str) -> Packing:
 
 
 def _levels(details: Any, bits: int, path: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    levels = [[_number(at(details, "pixelFormat", name, site)) for site in SITES] for name in ("black", "white")]
+    levels = [[finite_number(at(details, "pixelFormat", name, site)) for site in SITES] for name in ("black", "white")]
     black, white = np.array(levels)
     if not (np.all(black >= 0) and np.all(white > black) and np.all(white < 1 << bits)):
         found = _shown(at(details, "pixelFormat"))
@@ -153,7 +153,7 @@ def _matrix(image: Any) -> np.ndarray[Any, Any]:
     values = at(image, "color", "ccmRgbToSrgbArray") or at(image, "color", "ccm")
     if not isinstance(values, list) or len(values) != 9:
         return np.full((3, 3), np.nan)
-    return np.array([_number(value) for value in values]).reshape(3, 3)
+    return np.array([finite_number(value) for value in values]).reshape(3, 3)
 
 
 def _time(value: Any) -> np.datetime64:
@@ -164,16 +164,6 @@ def _time(value: Any) -> np.datetime64:
         return np.datetime64(":".join(match.groups()), "ns")
     except ValueError:
         return np.datetime64("NaT", "ns")
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        number = float(value)
-    except OverflowError:
-        return math.nan
-    return number if math.isfinite(number) else math.nan
 
 
 def _text(document: Json, *keys: str) -> str:

@@ -16,7 +16,7 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from lfflow.conventions import CHANNELS
-from lfflow.formats.bounded_json import Json, at
+from lfflow.formats.bounded_json import Json, at, finite_number
 from lfflow.formats.container import Container, open_container
 from lfflow.formats.errors import LimitError, MetadataError, StructureError
 from lfflow.formats.jpeg import jpeg_size
@@ -108,14 +108,14 @@ def _stack(container: Container, content: Json, layers: list[Any]) -> dict[str, 
         for number, layer in enumerate(layers)
     )
     numbers = [at(layer, "lambda") if at(layer, "lambda") is not None else at(layer, "focus") for layer in layers]
-    values = [float(number) if isinstance(number, float) or type(number) is int else np.nan for number in numbers]
+    values = [finite_number(number) for number in numbers]
     pictures = indexing.LazilyIndexedArray(JpegStack(regions, height, width))
     return {
         "picture": xr.Variable(
             ("layer", "y", "x", "channel"), pictures, {"long_name": "picture, sRGB", "units": "1"},
             {"preferred_chunks": {"layer": 1, "y": height, "x": width, "channel": 3}},
         ),
-        "refocus_lambda": xr.Variable(("layer",), np.array(values, float), _LAMBDA),
+        "refocus_lambda": xr.Variable(("layer",), np.array(values), _LAMBDA),
         "channel": xr.Variable(("channel",), list(CHANNELS)),
     }  # fmt: skip
 

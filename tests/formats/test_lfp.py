@@ -20,6 +20,7 @@ from lfflow.formats.container import open_container, write_container
 from lfflow.formats.errors import ChecksumError, FileFormatError, StructureError, UnknownFormatError
 from lfflow.formats.lfp import open_lfp, raw_frame, write_lfp
 from lfflow.formats.lfr import read_hot_pixels, write_lfr
+from lfflow.formats.opening import verify
 from lfflow.schema import RAW
 
 
@@ -170,8 +171,11 @@ def test_any_flipped_bit_is_noticed(picture) -> None:
 def test_a_flipped_bit_is_noticed_by_every_way_to_read(picture) -> None:
     region = image_section(picture).region
     good = open_lfp(picture)["raw"][:2].values
+    verify(picture)
     flip(picture, region.offset + 700)
     ds = open_lfp(picture)
+    with pytest.raises(ChecksumError, match="SHA-1"):
+        verify(picture)
     for read in (lambda: ds["raw"].values, lambda: ds["raw"][:2].values, lambda: ds["raw"][0, 0].values):
         with pytest.raises(ChecksumError, match="SHA-1"):
             read()
