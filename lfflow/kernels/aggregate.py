@@ -164,7 +164,7 @@ def _define(cost: FloatArray) -> None:
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
 def _step(cost, before, after, smallest, small, large, total):  # type: ignore[no-untyped-def]
-    """Path cost of one place from its predecessor's (both padded by one entry each side); returns its smallest entry."""
+    """Path cost of a place from its predecessor's (both padded by one entry each side); returns the smallest entry."""
     labels = cost.shape[0]
     jump = smallest + large
     low = np.float32(np.inf)

@@ -141,6 +141,15 @@ def _diagonal(weight, bond, axes):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for t in range(a.shape[0]):
+        for s in range(a.shape[1]):
+            total += a[t, s] * b[t, s]
+    return total
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
 def _solve(d, weight, pull, bond, axes, iterations):  # type: ignore[no-untyped-def]
     """Conjugate gradients with the diagonal as preconditioner, started from `d`, in place."""
     rows, columns = d.shape
@@ -149,16 +158,10 @@ def _solve(d, weight, pull, bond, axes, iterations):  # type: ignore[no-untyped-
     _apply(d, weight, bond, axes, product)
     rest = pull - product
     way = rest / diagonal
-    energy = 0.0
-    for t in range(rows):
-        for s in range(columns):
-            energy += rest[t, s] * way[t, s]
+    energy = _dot(rest, way)
     for _ in range(iterations):
         _apply(way, weight, bond, axes, product)
-        bend = 0.0
-        for t in range(rows):
-            for s in range(columns):
-                bend += way[t, s] * product[t, s]
+        bend = _dot(way, product)
         if bend <= 0 or energy <= 0:
             return
         length = np.float32(energy / bend)

@@ -154,8 +154,8 @@ def visible_volume(views, centre, surfaces, u, v, margin, hypotheses, tolerance,
     """Variance (t, hypothesis, s) of the samples of the views in which a surface does not hide the place.
 
     As `half_plane_volume`, with `surfaces` (view, t, s) padded by `margin` from `surface_in_view`; a view is left out
-    where its surface is nearer than the hypothesis by more than `tolerance`. Where less than the share `least` of the
-    views is left the cost is NaN.
+    where its surface is nearer than the hypothesis by more than `tolerance`. −1 where less than the share `least` of
+    the views is left.
     """
     count, channels = views.shape[0], views.shape[1]
     rows, columns = centre.shape[1], centre.shape[2]
@@ -190,5 +190,6 @@ def visible_volume(views, centre, surfaces, u, v, margin, hypotheses, tolerance,
                 value = square[s]
                 for c in range(channels):
                     value -= mean[c, s] * mean[c, s] / number[s]
-                out[t, h, s] = value / max(number[s] - np.float32(1), np.float32(1)) if number[s] > enough else np.nan
+                seen = number[s] - np.float32(1)
+                out[t, h, s] = value / max(seen, np.float32(1)) if seen >= enough else np.float32(-1)
     return out

@@ -1,0 +1,56 @@
+"""`lfflow disparity`: the disparity of the central view of a folder of views."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def disparity(
+    folder: Path,
+    *,
+    out: Path,
+    range: Annotated[tuple[float, float] | None, Parameter(name="--range")] = None,  # noqa: A002 - the option's name
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Estimate the disparity of the central view of a folder of views.
+
+    Parameters
+    ----------
+    folder
+        Folder of view images (input_Cam000.png … of a 9×9 grid, row by row; some may be missing).
+    out
+        PFM file to write, pixels per view step.
+    range
+        Smallest and largest disparity; found from the views when not given.
+    json
+        Print one JSON document.
+    """
+    import time
+    from json import dumps
+
+    import numpy as np
+
+    from lfflow.formats.pfm import write_pfm
+    from lfflow.formats.views import open_views
+    from lfflow.stages.view_matching import disparity_of_views
+
+    views = open_views(folder).load()
+    start = time.process_time()
+    found = disparity_of_views(views, disparity_range=range)
+    seconds = time.process_time() - start
+    values = found["disparity"].transpose("t", "s").to_numpy()
+    write_pfm(out, values)
+    result = {
+        "out": str(out),
+        "rows": values.shape[0],
+        "columns": values.shape[1],
+        "smallest": float(np.nanmin(values)),
+        "largest": float(np.nanmax(values)),
+        "seconds": seconds,
+    }
+    sys.stdout.write(dumps(result) + "\n" if json else "".join(f"{key:10} {value}\n" for key, value in result.items()))
+    return 0
