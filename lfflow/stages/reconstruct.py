@@ -103,7 +103,7 @@ def reconstruct_views(
         "flag_meanings": " ".join(FILLED),
     }
     lead = [dim for dim in ("capture",) if dim in out.dims]
-    return VIEWS.annotate(out.transpose(*lead, *FIELD_DIMS, "channel"))
+    return VIEWS.annotate(out.transpose(*lead, *FIELD_DIMS, "channel", ...))
 
 
 def _check(lf: xr.Dataset, disp: xr.Dataset) -> None:

@@ -20,8 +20,10 @@ def psnr(found: xr.DataArray, truth: xr.DataArray) -> float:
 @pytest.mark.parametrize(("d", "least"), [(0.0, 100.0), (0.05, 50.0), (0.3, 47.0), (-0.8, 47.0)])
 def test_a_plane_comes_back_in_every_colour(d: float, least: float) -> None:
     lf, disp, truth = make_field([(d, -99.0)])
+    lf = lf.assign_coords(color_matrix=(("channel", "channel_in"), np.eye(3)))
     views = reconstruct_views(lf, disp, views={"v": [0], "u": [0, 2]})
     assert psnr(views["rgb"], truth["rgb"].sel(v=[0], u=[0, 2])) > least
+    assert views["color_matrix"].dims == ("channel", "channel_in")
     assert VIEWS.issues(views) == []
 
 
