@@ -31,7 +31,8 @@ def flatten_scene(image: npt.NDArray[np.float32], pitch: float) -> npt.NDArray[n
     size = 2 * round(1.5 * pitch) + 1
     mean = cv2.blur(image, (size, size), borderType=cv2.BORDER_REFLECT_101)
     floor = 0.05 * float(mean[::8, ::8].mean())
-    return np.clip(image, 0, None) / np.maximum(mean, floor)
+    flat: npt.NDArray[np.float32] = (np.clip(image, 0, None) / np.maximum(mean, floor)).astype(np.float32)
+    return flat
 
 
 def lens_centres(lattice: Lattice, height: int, width: int, margin: float) -> Centres:

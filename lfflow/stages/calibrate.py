@@ -13,6 +13,7 @@ from lfflow.kernels.centres import flatten_scene, measure_centres
 from lfflow.kernels.defects import flag_pixels
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit
+from lfflow.kernels.likelihood import refine
 from lfflow.kernels.spectrum import start
 from lfflow.kernels.subimage import mean_profile, spread_profile, white_vignetting
 from lfflow.lattice import ARRANGEMENTS
@@ -36,7 +37,7 @@ _OUTPUTS: tuple[tuple[list[str], type], ...] = (
 )
 
 
-def calibrate(raw: xr.Dataset, method: Method | None = None) -> xr.Dataset:
+def calibrate(raw: xr.Dataset, method: Method | None = None, *, precise: bool = True) -> xr.Dataset:
     """Lattice, vignetting and defects of a raw frame; nothing in its metadata is trusted.
 
     Parameters
@@ -46,6 +47,8 @@ def calibrate(raw: xr.Dataset, method: Method | None = None) -> xr.Dataset:
     method
         "white": the frame shows an even light. "self": it is a picture; the scene is divided out first.
         By default what ``raw.kind`` says.
+    precise
+        Maximum-likelihood refinement of lattices from white images, with the Fisher covariance (four times the work).
 
     Returns
     -------
@@ -73,6 +76,7 @@ def calibrate(raw: xr.Dataset, method: Method | None = None) -> xr.Dataset:
         dask="parallelized",
         dask_gufunc_kwargs={"allow_rechunk": True, "output_sizes": {"parameter": 5, "parameter_b": 5}},
         keep_attrs=False,
+        kwargs={"precise": precise},
     )
     numbers, covariance, arrangement, rms, count, vignetting, flags = outputs
     variables = {name: numbers.isel(parameter=index, drop=True) for index, name in enumerate(PARAMETERS)}
@@ -92,6 +96,8 @@ def _calibrate_frame(
     white: npt.NDArray[np.float64],
     method: np.uint8,
     grid: npt.NDArray[np.int64],
+    *,
+    precise: bool,
 ) -> tuple[Any, ...]:
     raw = np.ascontiguousarray(raw)
     gray, gains = equalise(raw, black)
@@ -100,6 +106,7 @@ def _calibrate_frame(
         vignetting = spread_profile(mean_profile(flat, found.lattice), found.lattice, raw.shape)
     else:
         vignetting = white_vignetting(gray)
+        found = refine(gray, found) if precise else found
     floor = max(0.1, 0.01 * float(((white - black) * gains).max()))
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
     arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))

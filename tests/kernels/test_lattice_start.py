@@ -1,0 +1,65 @@
+"""The start from nothing: random pitches, rotations, offsets and arrangements, at low signal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfflow.kernels.centres import measure_centres
+from lfflow.kernels.equalise import equalise
+from lfflow.kernels.lattice_fit import algorithm_one, fit, jacobian, lens_indices
+from lfflow.kernels.spectrum import start
+from lfflow.lattice import ARRANGEMENTS, Lattice
+
+
+def draw(seed: int) -> tuple[Lattice, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    pitch = float(np.exp(rng.uniform(np.log(6), np.log(45))))
+    size = int(np.clip(14 * pitch, 360, 640)) // 2 * 2
+    lattice = Lattice(
+        pitch,
+        pitch * rng.uniform(0.995, 1.005),
+        float(np.radians(rng.uniform(-3, 3))),
+        *rng.uniform(0, size, 2),
+        ARRANGEMENTS[seed % 2],
+    )
+    y, x = np.mgrid[:size, :size].astype(float)
+    centre_x, centre_y = lattice.centres(*lattice.nearest(x, y))
+    edge = (np.hypot(x - centre_x, y - centre_y) - rng.uniform(0.36, 0.5) * pitch) / (0.05 * pitch)
+    light = 1 / (1 + np.exp(np.clip(edge, -50, 50))) * np.tile([[0.6, 1.0], [1.0, 0.5]], (size // 2, size // 2))
+    return lattice, (2000 * (light + rng.normal(0, 0.1, light.shape)) + 400).clip(0).astype(np.uint16)
+
+
+@pytest.mark.parametrize("first", [0, 10])
+def test_random_lattices_are_found(first: int) -> None:
+    for seed in range(first, first + 10):
+        truth, raw = draw(seed)
+        image, _ = equalise(raw, np.full((2, 2), 400.0))
+        guess = start(image)
+        found = fit(measure_centres(image, guess), guess, raw.shape).lattice
+        assert found.arrangement == truth.arrangement, seed
+        assert found.distance_to(truth, *raw.shape) < 0.05 * truth.dh, seed
+
+
+def test_algorithm_one_ignores_false_centres() -> None:
+    truth = Lattice(10.0, 10.01, 0.003, 2.0, 3.0)
+    rng = np.random.default_rng(0)
+    t, s = np.meshgrid(np.arange(40), np.arange(40), indexing="ij")
+    centres = np.stack([c.ravel() for c in truth.centres(t, s)], axis=1)[rng.random(1600) < 0.8]
+    spoilt = np.concatenate([centres, rng.uniform(0, 380, (150, 2))])
+    found, used = algorithm_one(spoilt, Lattice(10.03, 10.0, 0.002, 2.4, 2.8))
+    assert found.distance_to(truth, 340, 400) < 1e-9
+    assert used[: len(centres)].all()
+
+
+@pytest.mark.parametrize("arrangement", ARRANGEMENTS)
+def test_jacobian_is_that_of_the_centres(arrangement: str) -> None:
+    lattice = Lattice(9.9, 10.1, 0.02, 3.0, 4.0, arrangement)  # type: ignore[arg-type]
+    t, s = np.array([3, 8, 11]), np.array([5, 2, 7])
+    k = lens_indices(lattice, np.stack(lattice.centres(t, s), axis=1))
+    step = 1e-6
+    for index, name in enumerate(("dh", "dv", "theta", "cx", "cy")):
+        values = {n: getattr(lattice, n) for n in ("dh", "dv", "theta", "cx", "cy")}
+        values[name] += step
+        change = np.subtract(Lattice(**values, arrangement=lattice.arrangement).centres(t, s), lattice.centres(t, s))
+        np.testing.assert_allclose(jacobian(lattice, k)[:, :, index], change / step, atol=1e-4)
