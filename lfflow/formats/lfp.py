@@ -74,7 +74,9 @@ def raw_frame(container: Container, image: Image = "raw") -> Frame:
     if image == "modulation":
         capture += "-modulation"
         parsed = replace(parsed, kind="white", coords={**parsed.coords, "kind": ((), "white")})
-    damaged = damage(region) if container.accept_damaged else ()
+    damaged: tuple[str, ...] = ()
+    if container.accept_damaged:
+        damaged = tuple(words for section in container.sections for words in damage(section.region))
     documents = {"metadata": metadata, "private_metadata": private, "table_of_contents": container.toc}
     return Frame(capture, region.unchecked() if damaged else region, parsed, documents, damaged)
 

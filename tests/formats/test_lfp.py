@@ -184,6 +184,16 @@ def test_a_flipped_bit_is_noticed_by_every_way_to_read(picture) -> None:
     assert np.array_equal(damaged["raw"][:2].values, good)
 
 
+def test_accepted_damage_of_the_metadata_is_recorded(picture) -> None:
+    data = picture.read_bytes()
+    picture.write_bytes(data.replace(b'"iso" : 200', b'"iso" : 201'))
+    with pytest.raises(ChecksumError):
+        open_lfp(picture)
+    ds = open_lfp(picture, accept_damaged=True)
+    assert float(ds["iso"]) == 201
+    assert "section at byte" in ds.attrs["damaged"]
+
+
 def test_a_file_that_is_changed_after_it_was_read_is_checked_again(picture) -> None:
     ds = open_lfp(picture)
     ds["raw"][:2].load()
