@@ -90,16 +90,18 @@ class Lattice:
         return best_t, best_s
 
     def grid_shape(self, height: int, width: int) -> tuple[int, int]:
-        """Rows and columns (t, s) of a centred brick grid that covers a sensor of height × width pixels.
+        """Rows and columns (t, s) of the centred grid that holds the nearest lens of every pixel of a sensor.
 
-        Beyond the sensor's own extent: half a lens for the cells at either edge, up to half a lens by which the middle
-        lens misses the sensor's centre, and half a lens for the odd rows.
+        From the sensor's centre to its edge, the numbers of rows and columns grow by the distance of the middle lens
+        from the centre and by that of the last lens from the edge: each up to half a lens, or two thirds of a row
+        (the corner of a hexagonal cell), and by the half lens of the odd rows.
         """
+        hexagonal = self.arrangement == "hexagonal"
         tilt = abs(math.tan(self.theta))
         row_step = self.dh * self.row_pitch
-        rows = math.ceil((height + width * tilt) / row_step) + 2
-        columns = math.ceil((width + height * tilt) / self.dh) + 3
-        return rows, columns
+        above = math.floor((height + width * tilt) / (2 * row_step) + (4 / 3 if hexagonal else 1))
+        left = math.floor((width + height * tilt) / (2 * self.dh) + (1.5 if hexagonal else 1))
+        return 2 * above + 1, 2 * left + 1
 
     def anchored(self, height: int, width: int, shape: Sequence[int] | None = None) -> Lattice:
         """Same lattice, renumbered so that a grid of `shape` (rows, columns) lies centred on the sensor.

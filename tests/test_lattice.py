@@ -83,6 +83,18 @@ def test_anchoring_does_not_depend_on_the_numbering(lattice: Lattice, k1: int, k
     assert same_centre == pytest.approx(0.0, abs=1e-6)
 
 
+@given(lattices())
+def test_the_grid_holds_the_lens_of_every_pixel(lattice: Lattice) -> None:
+    height, width = 97, 130
+    placed = lattice.anchored(height, width)
+    rows, columns = placed.grid_shape(height, width)
+    t, s = placed.nearest(*np.meshgrid(np.arange(width), np.arange(height)))
+    assert t.min() >= 0
+    assert s.min() >= 0
+    assert t.max() < rows
+    assert s.max() < columns
+
+
 @pytest.mark.parametrize("camera", [F01, ILLUM])
 @pytest.mark.parametrize("theta", [-0.009, 0.0, 0.0049])
 def test_grid_of_a_camera_covers_its_sensor(camera: object, theta: float) -> None:
@@ -100,7 +112,7 @@ def test_grid_of_a_camera_covers_its_sensor(camera: object, theta: float) -> Non
 
 
 def test_camera_grids_have_the_size_that_stores_rely_on() -> None:
-    assert F01.grid_shape == (388, 337)
+    assert F01.grid_shape == (389, 337)
     assert F01.view_radius == 5
     assert ILLUM.view_radius == 7
 

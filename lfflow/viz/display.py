@@ -118,11 +118,13 @@ def one_capture(ds: xr.Dataset) -> xr.Dataset:
     return ds.isel(capture=0)
 
 
-def outer_view(lightfield: xr.Dataset, *, least: float = 0.4) -> int:
-    """Largest u ≥ 1 for which both views (0, ±u) still get `least` of the light."""
+def outer_view(lightfield: xr.Dataset, *, least: float = 0.4, share: float = 0.95) -> int:
+    """Largest u ≥ 1 whose views (0, ±u) get `least` of the light, and at least `share` of the centre's samples."""
     field = lightfield["weight"].sel(v=0).transpose("u", *FIELD_DIMS[2:])
-    for u in range(int(lightfield["u"].max()), 1, -1):
-        if all(np.nanmedian(_positive(field.sel(u=side).values)) >= least for side in (-u, u)):
+    lit = {int(u): _positive(field.sel(u=u).values) for u in lightfield["u"].values}
+    enough = share * lit[0].size
+    for u in range(max(lit), 1, -1):
+        if all(lit[side].size >= enough and np.median(lit[side]) >= least for side in (-u, u)):
             return u
     return 1
 
