@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import json
 import struct
+from copy import deepcopy
 from dataclasses import dataclass, field
 from random import Random
 from typing import Any
@@ -80,7 +81,7 @@ def mutate_bytes(data: bytes, random: Random) -> bytes:
 def _change(value: Any, random: Random) -> Any:
     places = list(_places(value))
     if not places or random.random() < 0.02:
-        return random.choice(HOSTILE)
+        return deepcopy(random.choice(HOSTILE))
     parent, key = random.choice(places)
     kind = random.randrange(7)
     if kind == 0:
@@ -95,7 +96,7 @@ def _change(value: Any, random: Random) -> Any:
             deep = [deep] if random.random() < 0.5 else {"a": deep}
         parent[key] = deep
     else:
-        parent[key] = random.choice(HOSTILE)
+        parent[key] = deepcopy(random.choice(HOSTILE))
     return value
 
 
