@@ -84,7 +84,7 @@ class Rule(NamedTuple):
         Lenses looked at per view, along a row and across: 1, or 2 for targets off the lattice.
     """
 
-    radius: float = 0.7
+    radius: float = 0.6
     tolerance: float = 0.06
     stiffness: float = 0.02
     reach: float = 99.0

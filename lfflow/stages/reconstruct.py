@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from lfflow.conventions import CFA_NONE, CHANNELS, FIELD_DIMS
 from lfflow.errors import SchemaError
@@ -61,7 +62,7 @@ def reconstruct_views(
     -------
     Dataset
         ``rgb`` (v, u, t, s, channel) float32, linear radiance in camera colours; ``filled`` (v, u, t, s) uint8;
-        ``disparity`` and ``disparity_std`` (v, u, t, s) float32 at the same places.
+        ``disparity`` and ``disparity_std`` (v, u, t, s) float32 at the same places; the latter is raised at jumps.
 
     Raises
     ------
@@ -198,20 +199,32 @@ def _one_view(
     dh, dv, theta, cx, cy = (float(value) for value in lattice[:5])
     numbers = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(lattice[5])])
     grid = grid_from(numbers.dh, numbers.dv, int(lattice[5]))
-    std = np.where(np.isfinite(std), std, np.float32(_UNKNOWN_STD))
     near = int(np.argmin(np.abs(v - target_v))), int(np.argmin(np.abs(u - target_u)))
     samples = _samples(numbers, grid, (mosaic, cfa, weight, disparity), (v, u, t, s), reach=rule.reach, view=view)
     x, y = _places(grid, t, s, scale)
+    doubt = _doubt(disparity[near], std[near])
     off_grid = (target_u - u[near[1]], target_v - v[near[0]])
     if scale is None and off_grid == (0.0, 0.0):
-        there, spread = disparity[near], std[near]
+        there, spread = disparity[near], doubt
     else:
         there = read_disparity(disparity[near], x, y, *off_grid, samples.geometry)
-        spread = read_disparity(std[near], x, y, 0.0, 0.0, samples.geometry)
+        spread = read_disparity(doubt, x, y, 0.0, 0.0, samples.geometry)
     targets = Targets(x, y, np.full_like(x, target_u), np.full_like(x, target_v), there, spread)
     rgb, _ = gather(samples, targets, rule)
     rgb, filled = fill_colours(rgb, x, y, there, rule.tolerance)
     return rgb, filled, there, spread
+
+
+def _doubt(disparity: Array, std: Array) -> Array:
+    """Standard deviation (t, s), raised at jumps of the disparity: a lens on an edge mixes two surfaces.
+
+    There, only views near the wanted one show the same mixture.
+    """
+    known = np.isfinite(disparity)
+    level = float(np.median(disparity[known])) if known.any() else 0.0
+    filled = np.where(known, disparity, level)
+    jump = maximum_filter(filled, 3) - minimum_filter(filled, 3)
+    return np.asarray(np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), jump), dtype=np.float32)
 
 
 def _samples(
