@@ -19,13 +19,13 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.006
+MODEL_ERROR = 0.0055
 """What stays without noise: interpolation between lenses and the slope of surfaces inside a block (simulated F01)."""
-NOISE_FACTOR = 2.0
+NOISE_FACTOR = 1.8
 """Measured over predicted error: neighbours share the completed picture, so their residuals are not independent."""
-STEP_SHARE = 0.15
+STEP_SHARE = 0.14
 """Error per difference of the disparities within two lenses."""
-STEP = 0.1
+STEP = 0.08
 """Half the difference of the disparities within two lenses beyond which a place may belong to either side."""
 TEXTURELESS = 0.05
 """Predicted std beyond which the picture does not tell the disparity."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -43,13 +44,33 @@ def spread(values: FloatArray, weights: FloatArray, middle: FloatArray) -> Float
 
 def trimmed_sum(costs: FloatArray, keep: float = 0.75) -> FloatArray:
     """Mean (hypothesis, t, s) of the smallest share `keep` of the costs (pair, hypothesis, t, s); NaN where none."""
-    count = np.isfinite(costs).sum(axis=0)
-    ordered = np.sort(np.where(np.isfinite(costs), costs, np.inf), axis=0)
-    kept = np.maximum(np.ceil(keep * count), 1)
-    rank = np.arange(costs.shape[0]).reshape(-1, *([1] * (costs.ndim - 1)))
-    use = (rank < kept) & np.isfinite(ordered)
-    total = np.where(use, ordered, 0).sum(axis=0)
-    return np.where(count > 0, total / np.where(count > 0, use.sum(axis=0), 1), np.nan).astype(np.float32)
+    flat = np.ascontiguousarray(costs.reshape(costs.shape[0], -1), dtype=np.float32)
+    out = np.empty(flat.shape[1], dtype=np.float32)
+    _trim(flat, keep, out)
+    return out.reshape(costs.shape[1:])
+
+
+@numba.njit(nogil=True, cache=True)
+def _trim(costs: FloatArray, keep: float, out: FloatArray) -> None:
+    pairs, places = costs.shape
+    ordered = np.empty(pairs, dtype=np.float32)
+    for n in range(places):
+        count = 0
+        for k in range(pairs):
+            value = costs[k, n]
+            if not np.isfinite(value):
+                continue
+            at = count
+            while at > 0 and ordered[at - 1] > value:
+                ordered[at] = ordered[at - 1]
+                at -= 1
+            ordered[at] = value
+            count += 1
+        kept = max(1, int(np.ceil(keep * count)))
+        total = np.float32(0)
+        for k in range(min(kept, count)):
+            total += ordered[k]
+        out[n] = total / kept if count > 0 else np.nan
 
 
 def fuse_costs(costs: FloatArray, hypotheses: npt.NDArray[np.floating], fusion: Fusion) -> FloatArray:

@@ -29,8 +29,12 @@ Pair = tuple[int, int]
 
 FIRST_RANGE = 1.0
 WIDEST_RANGE = 4.0
-SECOND_STEP = 0.05
+SECOND_STEP = 0.0625
 LONGEST = 4
+TEXTURED = 0.75
+"""The range is judged at the places with more contrast than this share of all."""
+PRESSED = 0.05
+"""Share of those places that may lie at the border before the range is doubled."""
 READ_LEVEL = 0.005
 """Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
 CLIPPED_WEIGHT = 0.02
@@ -62,7 +66,7 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
         found = _second_pass(level, picture, found, options)
         picture, _ = complete_centre(level, found, _doubt(found, 2))
     better = refine(level, picture, found)
-    known = np.isfinite(found) & (colour != CFA_NONE)
+    known = np.isfinite(found) & inside(field)
     std, flags = error_map(better, known, (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT))
     disparity = np.where(known, better.disparity, np.nan).astype(np.float32)
     if options.regularise:
@@ -72,6 +76,12 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
         disparity = np.where(replaced, filled, disparity)
         flags[replaced] |= FILLED
     return disparity, std, flags
+
+
+def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
+    """Lenses (t, s) that lie on the sensor: at least a quarter of the views has a sample there."""
+    count = (field.cfa != CFA_NONE).sum(axis=(0, 1))
+    return np.asarray(count >= max(1, 0.25 * count.max()))
 
 
 def even_noise(field: MosaicField) -> FloatArray:
@@ -106,18 +116,28 @@ def _first_pass(field: MosaicField, options: Matching) -> FloatArray:
                       interpolation=options.interpolation)
             for pair in pairs
         ])  # fmt: skip
-        found = _decide(fuse_costs(costs, labels, options.fusion), labels, None, options, brick=_is_brick(field))
-        if options.hypotheses is not None or reach >= WIDEST_RANGE or not np.isfinite(found).any():
+        fused = fuse_costs(costs, labels, options.fusion)
+        found = _decide(fused, labels, None, options, brick=_is_brick(field))
+        if options.hypotheses is not None or reach >= WIDEST_RANGE:
             return found
-        if np.nanmean(np.abs(found) > reach - 1 / longest) < 0.01:
+        if not _presses(fused, found, reach - 1 / longest):
             return found
         reach *= 2
+
+
+def _presses(cost: FloatArray, found: FloatArray, border: float) -> bool:
+    """Whether disparities lie at the border of the range at the places with the most contrast."""
+    contrast = np.where(np.isfinite(cost).all(axis=0), cost.mean(axis=0), np.nan)
+    if not np.isfinite(contrast).any():
+        return False
+    clear = (contrast > np.nanquantile(contrast, TEXTURED)) & np.isfinite(found)
+    return bool(clear.any()) and float(np.mean(np.abs(found[clear]) > border)) > PRESSED
 
 
 def _second_pass(field: MosaicField, picture: FloatArray, first: FloatArray, options: Matching) -> FloatArray:
     if not np.isfinite(first).any():
         return first
-    low, high = np.nanquantile(first, (0.002, 0.998))
+    low, high = np.nanquantile(first, (0.005, 0.995))
     labels = _labels(options, SECOND_STEP, (low - 0.1, high + 0.1))
     costs = model_costs(field, picture, labels)
     found = _decide(fuse_costs(costs, labels, options.fusion), labels, picture, options, brick=_is_brick(field))
@@ -138,7 +158,7 @@ def _decide(
     if not options.regularise:
         return minimum(cost, labels, options.cost_interpolation)[0]
     guide = None if picture is None else np.moveaxis(picture, 0, -1)
-    edge = {"small": 0.1, "large": 0.5} if picture is None else {"small": 0.15, "large": 1.0, "edge": 0.05}
+    edge = {"small": 0.15, "large": 1.0} if picture is None else {"small": 0.15, "large": 1.0, "edge": 0.05}
     return regularise(cost, labels, guide, None, brick=brick, **edge)
 
 
