@@ -182,7 +182,7 @@ CHAIN = Chain(
               {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, 80.0, 4.0, 0.2),
         Stage("disparity", 1, DISPARITY, ("lightfield",), _disparity,
               {"disparity": "lfflow.stages.disparity:disparity",
-               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 100.0, 6.0, 0.5, reads_raw=False),
+               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 90.0, 6.0, 0.5, reads_raw=False),
     ),
     _draw,
     open_damaged_lfp,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 
 from fake_chain import FAKE
@@ -17,4 +18,5 @@ if __name__ == "__main__":
     except LfflowError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(3)
+    sys.stdout.write(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024}\n")
     sys.exit(outcome.exit_code)

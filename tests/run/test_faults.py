@@ -32,8 +32,9 @@ def run(out, captures, **options):
 
 def start(captures, out, workers="threads:2"):
     environment = {**os.environ, "PYTHONPATH": str(HERE)}
-    return subprocess.Popen([sys.executable, SCRIPT, str(captures), str(out), workers], env=environment,
-                            stderr=subprocess.PIPE, start_new_session=True, text=True)  # fmt: skip
+    command = [sys.executable, SCRIPT, str(captures), str(out), workers]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, env=environment, start_new_session=True, text=True, **pipes)
 
 
 def lines(log):
@@ -201,3 +202,56 @@ def test_a_collection_at_a_url_is_a_collection(tmp_path, captures):
     col = open_collection(url)
     assert col.open("disparity").disparity.isel(capture=1).load().notnull().all()
     assert validate(col) == []
+
+
+def kill_workers(captures, out, *, kills, pause):
+    """Run on two worker processes and kill one of them again and again; returns the exit code and the kills made."""
+    process = start(captures, out, "processes:2")
+    rng, made, limit = random.Random(2), 0, time.monotonic() + 60 + 10 * kills  # noqa: S311
+    while process.poll() is None and made < kills:
+        assert time.monotonic() < limit, "the run hangs"
+        time.sleep(rng.uniform(0, pause))
+        workers = [
+            child for child in psutil.Process(process.pid).children(recursive=True)
+            if "spawn_main" in " ".join(_command(child))
+        ]  # fmt: skip
+        if (out / "ledger").exists() and workers:
+            rng.choice(workers).kill()
+            made += 1
+    process.communicate(timeout=300)
+    return process.returncode, made
+
+
+def _command(process):
+    try:
+        return process.cmdline()
+    except psutil.Error:
+        return []
+
+
+@pytest.mark.heavy
+def test_workers_that_are_killed_again_and_again_lose_nothing(tmp_path, captures):
+    for number in range(40):
+        write_capture(captures / f"MORE_{number}.lfp", seed=100 + number, behaviour="sleep0.5")
+    run(tmp_path / "whole", captures)
+    expected = store_content(tmp_path / "whole")
+    made = 0
+    while made < 100:
+        shutil.rmtree(tmp_path / "col", ignore_errors=True)
+        code, killed = kill_workers(captures, tmp_path / "col", kills=100 - made, pause=2.0)
+        made += max(1, killed)
+        assert code in (0, 2)
+        assert_nothing_reads_as_finished_that_is_not(tmp_path / "col", expected)
+        assert run(tmp_path / "col", captures).exit_code == 0
+        assert store_content(tmp_path / "col") == expected
+
+
+@pytest.mark.heavy
+def test_ten_times_the_captures_need_the_same_memory(tmp_path):
+    peaks = []
+    for count in (40, 400):
+        for number in range(count):
+            write_capture(tmp_path / f"in{count}" / f"IMG_{number}.lfp", seed=number)
+        process = start(tmp_path / f"in{count}", tmp_path / f"col{count}")
+        peaks.append(int(process.communicate(timeout=600)[0]))
+    assert peaks[1] <= 1.2 * peaks[0]
