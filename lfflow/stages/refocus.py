@@ -157,7 +157,7 @@ def _over_captures(
         dask="parallelized",
         output_dtypes=["float32"],
     )
-    kept = {str(n): c.variable for n, c in views.coords.items() if not {"v", "u"} & set(c.dims) and n not in ("v", "u")}
+    kept = {str(n): c.variable for n, c in views.coords.items() if set(c.dims) <= set(out.dims) and n not in ("v", "u")}
     out = out.assign_coords(kept).rename("rgb")
     out.attrs = {"long_name": "linear radiance of each channel", "units": "1"}
     return out

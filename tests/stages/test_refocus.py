@@ -16,6 +16,7 @@ INNER = {"t": slice(10, -10), "s": slice(10, -10)}
 
 def views_of(layers: list[tuple[float, float]]) -> xr.Dataset:
     _, disp, views = make_field(layers)
+    views = views.assign_coords(color_matrix=(("channel", "channel_in"), np.eye(3)))
     return views.assign(disparity=disp["disparity"])
 
 
