@@ -34,18 +34,21 @@ class Settings:
     step
         Distance of two hypotheses, pixels per view step: the surface takes the rest from the parabola.
     small, large, edge
-        Penalties of the aggregation (`lfflow.kernels.aggregate.regularise`).
+        Penalties of the aggregation (`lfflow.kernels.aggregate.regularise`). Measured on HCI antinous, BadPix(0.07) and
+        MSE × 100: 23.6 and 9.3 with 0.1 and 3, 22.5 and 9.7 with 0.3 and 3, 21.1 and 7.5 with 0.6 and 6.
     bend
         Cost is variance / (variance + bend · noise variance): in 0..1, half at `bend` times the noise.
     stiffness
         Information of a straight surface against that of the colours (`lfflow.kernels.surface.smooth_surface`).
+        Measured: the surface lowers BadPix(0.01) of a simulated scene from 54.8 to 27.2 but raises its BadPix(0.07)
+        from 11.3 to 12.2; on antinous both fall a little (76.1 to 73.8, 23.0 to 22.5).
     widest
         Largest |disparity| that the search for the range tries.
     """
 
     step: float = 0.08
-    small: float = 0.3
-    large: float = 3.0
+    small: float = 0.6
+    large: float = 6.0
     edge: float = 0.05
     bend: float = 4.0
     stiffness: float = 2e4
