@@ -26,7 +26,8 @@ def block_weights(sigma: float, row_pitch: float, *, brick: bool) -> tuple[Float
 
 
 def _unit(weights: npt.NDArray[np.float64]) -> FloatArray:
-    return (weights / weights.sum()).astype(np.float32)
+    unit: FloatArray = (weights / weights.sum()).astype(np.float32)
+    return unit
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})

@@ -45,9 +45,10 @@ def spread(values: FloatArray, weights: FloatArray, middle: FloatArray) -> Float
 def trimmed_sum(costs: FloatArray, keep: float = 0.75) -> FloatArray:
     """Mean (hypothesis, t, s) of the smallest share `keep` of the costs (pair, hypothesis, t, s); NaN where none."""
     flat = np.ascontiguousarray(costs.reshape(costs.shape[0], -1), dtype=np.float32)
-    out = np.empty(flat.shape[1], dtype=np.float32)
+    out: FloatArray = np.empty(flat.shape[1], dtype=np.float32)
     _trim(flat, keep, out)
-    return out.reshape(costs.shape[1:])
+    shaped: FloatArray = out.reshape(costs.shape[1:])
+    return shaped
 
 
 @numba.njit(nogil=True, cache=True)

@@ -66,10 +66,10 @@ def on_field(
 
 
 def carried_coords(lf: xr.Dataset, dims: Sequence[str]) -> dict[str, Any]:
-    """Coordinates of `lf` that still fit arrays with `dims` (and ``capture``): lens axes, lattice, metadata."""
+    """Coordinates of `lf` that lie on `dims` and ``capture`` alone, and its lattice."""
     allowed = {*dims, "capture"}
     return {
         str(name): coord.variable
         for name, coord in lf.coords.items()
-        if set(coord.dims) <= allowed | {"channel", "channel_in"} and str(name) not in {"u", "v"} - set(dims)
+        if set(coord.dims) <= allowed and str(name) not in {"u", "v"} - set(dims)
     } | {name: lf[name].variable for name in LATTICE_NAMES}

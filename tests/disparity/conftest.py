@@ -63,7 +63,16 @@ def lightfield(
             "cfa": (dims, np.where(inside, cfa, 255).astype(np.uint8)),
             "weight": (dims, inside.astype(np.float32)),
         },
-        coords={"v": views, "u": views, "t": t, "s": s, **lattice_variables(lattice)},
+        coords={
+            "v": views,
+            "u": views,
+            "t": t,
+            "s": s,
+            "channel": ["R", "G", "B"],
+            "white_balance": ("channel", np.ones(3)),
+            "iso": 200.0,
+            **lattice_variables(lattice),
+        },
     )
 
 

@@ -1,0 +1,113 @@
+"""Disparity on mosaicked views against the truth: simulated F01 captures, and matching after demosaicking the raw.
+
+python benchmarks/disparity.py [--size 1200] [--seeds 1 2]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+import lfflow
+from lfflow.kernels.fusion import trimmed_sum
+from lfflow.kernels.subpixel import minimum
+from lfflow.schema import lattice_of, lattice_variables
+from lfflow.simulate import simulate_capture, simulate_white
+from lfflow.stages.demultiplex import demultiplex
+from lfflow.stages.disparity import disparity
+from lfflow.stages.transpose import transpose_disparity
+
+Image = npt.NDArray[np.float32]
+PAIRS = [(a, 0) for a in (-4, -2, 2, 4)]
+BORDER = 6
+
+
+def ideal_calibration(white: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
+    """Calibration with the true lattice, so that only the matching is measured."""
+    light = white["raw"].to_numpy().astype(np.float32) - float(white["black_level"].mean())
+    for row in (0, 1):
+        for column in (0, 1):
+            light[row::2, column::2] /= np.percentile(light[row::2, column::2], 99.5)
+    return xr.Dataset(
+        {
+            **lattice_variables(lattice_of(truth)),
+            "vignetting": (("y", "x"), np.clip(light, 0.01, 1)),
+            "pixel_flags": (("y", "x"), np.zeros(light.shape, dtype=np.uint8)),
+        }
+    )
+
+
+def demosaicked(raw: xr.Dataset, cal: xr.Dataset) -> list[xr.Dataset]:
+    """One field a colour, from the raw frame after flat-fielding and bilinear demosaicking (as most tools do)."""
+    black = float(raw["black_level"].mean())
+    flat = (raw["raw"].to_numpy() - black) / cal["vignetting"].to_numpy()
+    rgb = cv2.cvtColor(np.clip(flat + black, 0, 65535).astype(np.uint16), cv2.COLOR_BayerRG2RGB)
+    even = cal.assign(vignetting=cal["vignetting"] * 0 + 1)
+    keep = demultiplex(raw, cal)["weight"]
+    fields = []
+    for colour in range(3):
+        one = raw.assign(raw=(("y", "x"), rgb[..., colour]))
+        field = demultiplex(one, even)
+        field["cfa"] = xr.where(field["cfa"] == 255, field["cfa"], np.uint8(1))
+        fields.append(field.assign(weight=keep))
+    return fields
+
+
+def first_pass(fields: list[xr.Dataset]) -> Image:
+    """The same pairs, blocks and fusion for both ways of matching, without second pass or regularisation."""
+    labels = np.arange(-0.75, 0.76, 0.125)
+    costs = sum(lfflow.pair_costs(field, pairs=PAIRS, hypotheses=labels).to_numpy() for field in fields)
+    return minimum(trimmed_sum(np.asarray(costs)), labels)[0]
+
+
+def score(name: str, found: Image, truth: Image, edge: npt.NDArray[np.bool_], seconds: float) -> None:
+    """Print a row of the table."""
+    inner = (slice(BORDER, -BORDER), slice(BORDER, -BORDER))
+    known = np.isfinite(truth[inner])
+    error, near = np.abs(found - truth)[inner][known], edge[inner][known]
+    bad = ~(error <= 0.1)
+    print(
+        f"| {name} | {100 * bad.mean():.2f} | {100 * bad[near].mean():.2f} | {100 * (~(error <= 0.03)).mean():.2f} "
+        f"| {np.nanmedian(error):.4f} | {seconds:.2f} |"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, default=1200)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    options = parser.parse_args()
+    print("| seed, method | bad(0.1) % | … near edges % | bad(0.03) % | median | CPU s |\n|---|---|---|---|---|---|")
+    for seed in options.seeds:
+        raw, truth = simulate_capture(height=options.size, width=options.size, seed=seed)
+        white, _ = simulate_white(height=options.size, width=options.size, seed=seed)
+        cal = ideal_calibration(white, truth)
+        lf = demultiplex(raw, cal).load()
+        wanted = truth["disparity"].sel(u=0, v=0).to_numpy()
+        filled = np.nan_to_num(wanted)
+        high, low = cv2.dilate(filled, np.ones((7, 7))), cv2.erode(filled, np.ones((7, 7)))
+        edge = (high - low) > 0.1
+        for name, fields in (("demosaicked first", demosaicked(raw, cal)), ("mosaicked", [lf])):
+            start = time.process_time()
+            found = first_pass(fields)
+            score(f"{seed}, {name}, four pairs", found, wanted, edge, time.process_time() - start)
+        start = time.process_time()
+        out = disparity(lf)
+        score(
+            f"{seed}, second pass, regularised", out["disparity"].to_numpy(), wanted, edge, time.process_time() - start
+        )
+        start = time.process_time()
+        transpose_disparity(out, lf)
+        print(f"| {seed}, all {lf.sizes['u'] * lf.sizes['v']} views | | | | | {time.process_time() - start:.2f} |")
+        valid = ((out["flags"] == 0) & np.isfinite(truth["disparity"].sel(u=0, v=0))).to_numpy()
+        ratio = (np.abs(out["disparity"].to_numpy() - wanted) / out["disparity_std"].to_numpy())[valid]
+        print(f"valid {valid.mean():.3f}, within 1 std {(ratio < 1).mean():.3f}, within 2 {(ratio < 2).mean():.3f}")
+
+
+if __name__ == "__main__":
+    main()
