@@ -17,9 +17,7 @@ def capture(z: np.ndarray, focus: float, sigma: float = 0.01) -> xr.Dataset:
     pupil = PITCH * behind / GAP
     shift = pupil * (1 - behind / image) / LENS
     coords = {"focal_length": F, "pixel_pitch": PITCH, "lens_pitch": LENS, "mla_offset_z": GAP}
-    # 1 − B/z' is negative for a point behind the plane in focus, whose disparity is negative.
-    data = {"disparity": ("s", -shift if shift[0] < 0 and z[0] < focus else shift),
-            "disparity_std": ("s", np.full(z.shape, sigma))}  # fmt: skip
+    data = {"disparity": ("s", shift), "disparity_std": ("s", np.full(z.shape, sigma))}
     return xr.Dataset(data, coords)
 
 
