@@ -19,7 +19,7 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.0055
+MODEL_ERROR = 0.005
 """What stays without noise: interpolation between lenses and the slope of surfaces inside a block (simulated F01)."""
 NOISE_FACTOR = 1.8
 """Measured over predicted error: neighbours share the completed picture, so their residuals are not independent."""

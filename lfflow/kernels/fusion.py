@@ -85,7 +85,8 @@ def fuse_costs(costs: FloatArray, hypotheses: npt.NDArray[np.floating], fusion: 
         each = np.stack([minimum(cost, hypotheses)[0] for cost in costs])
         middle = weighted_median(each, np.isfinite(each).astype(np.float32))
         labels = np.asarray(hypotheses, dtype=np.float32)[:, None, None]
-        return (np.abs(labels - middle) / max(float(hypotheses[-1] - hypotheses[0]), 1e-6)).astype(np.float32)
+        away: FloatArray = np.abs(labels - middle) / np.float32(max(float(hypotheses[-1] - hypotheses[0]), 1e-6))
+        return away
     if fusion == "inverse_variance":
         return _weighted(costs)
     if fusion not in FUSIONS:
