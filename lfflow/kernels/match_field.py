@@ -43,7 +43,7 @@ CLIPPED_WEIGHT = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Matching:
-    """What may be chosen; the defaults are those that measured best (pipelines/subpixel_study.py, benchmarks)."""
+    """What may be chosen (interpolations are compared in pipelines/subpixel_study.py)."""
 
     pairs: tuple[Pair, ...] | None = None
     hypotheses: tuple[float, ...] | None = None
