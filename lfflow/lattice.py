@@ -46,7 +46,8 @@ class Lattice:
         basis = [[1.0, 0.5], [0.0, math.sqrt(3) / 2]] if self.arrangement == "hexagonal" else [[1.0, 0.0], [0.0, 1.0]]
         cos, sin = math.cos(self.theta), math.sin(self.theta)
         rotation = np.array([[cos, -sin], [sin, cos]])
-        return rotation @ np.diag([self.dh, self.dv]) @ np.array(basis)
+        matrix: FloatArray = rotation @ np.diag([self.dh, self.dv]) @ np.array(basis)
+        return matrix
 
     @property
     def row_pitch(self) -> float:

@@ -115,9 +115,9 @@ def owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: 
 
 
 @numba.njit(nogil=True, cache=True)
-def _scatter(
+def _scatter(  # type: ignore[no-untyped-def]
     raw, vignetting, flags, centre_x, centre_y, geometry, hexagonal, levels, colours, mosaic, cfa, weight
-):  # pragma: no cover - compiled  # type: ignore[no-untyped-def]
+):  # pragma: no cover - compiled
     cos, sin, dh, dv, cx, cy = geometry
     black, gain, white = levels
     views_v, views_u, rows, columns = mosaic.shape

@@ -37,15 +37,16 @@ def resample_square(
     Point (i, j) lies at X = j/scale, Y = i/scale in lens pitches. ``weights`` (t, s) are 0 where there is no value.
     The kernel is a tent up to one lens pitch and a Gaussian (σ = reach/4) beyond.
     """
-    return _resample(
+    square: Float32Array = _resample(
         np.ascontiguousarray(values, dtype=np.float32),
         np.ascontiguousarray(weights, dtype=np.float32),
         row_pitch,
         0.5 if hexagonal else 0.0,
         scale,
         reach,
-        square_shape(*values.shape, row_pitch, scale),
+        square_shape(values.shape[0], values.shape[1], row_pitch, scale),
     )
+    return square
 
 
 @numba.njit(nogil=True, cache=True)

@@ -9,7 +9,10 @@ from lfflow.stages.view_matching import disparity_of_views
 SIZE = 72
 
 
-def _views(near=np.float32(0.9), far=np.float32(-0.6), radius=4):
+NEAR, FAR = np.float32(0.9), np.float32(-0.6)
+
+
+def _views(near=NEAR, far=FAR, radius=4):
     """A textured square before a textured plane, every view drawn by its own exact shift."""
     rng = np.random.default_rng(0)
     back, front = (cv2.GaussianBlur(rng.random((160, 160, 3)).astype(np.float32), (0, 0), 1.3) for _ in range(2))
