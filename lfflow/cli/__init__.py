@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from cyclopts import App
+from cyclopts import App, CycloptsError
 from rich.console import Console
 
 from lfflow.errors import CollectionError, LfflowError, SchemaError
@@ -30,6 +30,7 @@ app = App(
     name="lfflow",
     help="Raw plenoptic captures to labelled 4D light fields and disparity maps.",
     error_console=Console(stderr=True),
+    exit_on_error=False,
     result_action="return_value",
 )
 for _command, _help in _COMMANDS.items():
@@ -43,6 +44,8 @@ def main() -> None:
     """
     try:
         code = app(sys.argv[1:])
+    except CycloptsError:
+        sys.exit(1)
     except LfflowError as error:
         sys.stderr.write(f"lfflow: {error}\n")
         sys.exit(3 if isinstance(error, CollectionError | SchemaError) else 1)

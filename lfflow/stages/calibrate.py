@@ -10,7 +10,7 @@ import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.kernels.centres import flatten_scene, measure_centres
-from lfflow.kernels.defects import flag_pixels
+from lfflow.kernels.defects import HOT, flag_pixels
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit
 from lfflow.kernels.likelihood import refine
@@ -112,6 +112,8 @@ def _calibrate_frame(
     arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))
     hot_factor = _HOT_FACTOR[int(method)]
     flags = flag_pixels(raw, gray, white, floor, hot_factor)
+    if int(method) != METHOD_FLAGS["white"]:
+        flags &= np.uint8(HOT)  # dark and clipped places of a scene are its own, not the sensor's
     return numbers, found.covariance, arrangement, found.rms, np.int64(found.count), vignetting, flags
 
 

@@ -41,7 +41,7 @@ def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = quicklook_figure(one_capture(lightfield), one_capture(disparity))
-    FigureCanvasAgg(figure).print_png(os.fspath(path))  # type: ignore[no-untyped-call]
+    FigureCanvasAgg(figure).print_png(os.fspath(path), pil_kwargs={"compress_level": 3})  # type: ignore[no-untyped-call]
 
 
 def quicklook_figure(lightfield: xr.Dataset, disparity: xr.Dataset) -> Any:
