@@ -16,7 +16,8 @@ from lfflow.collection.records import DamagedRecordError, Record, sealed, unseal
 from lfflow.collection.scalars import decode, encode, is_region, small_variables
 from lfflow.collection.storage import Storage
 from lfflow.errors import SchemaError
-from lfflow.schema import Schema
+from lfflow.kernels.threads import each
+from lfflow.schema import Schema, Variable
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,20 +139,21 @@ class Store:
                 names += self.storage.files_below(f"{self.folder}/{group}/{variable.name}/c/{slot}")
         return names
 
-    def write(self, group: str, slot: int, ds: xr.Dataset) -> dict[str, str]:
+    def write(self, group: str, slot: int, ds: xr.Dataset, threads: int = 1) -> dict[str, str]:
         """Write the region of one capture, bring it to the disk; returns the sha256 of its files."""
-        for variable in self.schema.variables:
-            if is_region(variable):
-                values = np.ascontiguousarray(ds[variable.name].transpose(*variable.dims).values)
-                if variable.keep_bits is not None:
-                    values = _rounded(values, variable.keep_bits)
-                array = self._array(group, variable.name, "r+")
-                if array.shape[1:] != values.shape:
-                    raise SchemaError(
-                        f"{variable.name} has shape {values.shape}, group {group} of {self.folder} holds "
-                        f"{array.shape[1:]}"
-                    )
-                array[slot] = values
+
+        def one(variable: Variable) -> None:
+            values = np.ascontiguousarray(ds[variable.name].transpose(*variable.dims).values)
+            if variable.keep_bits is not None:
+                values = _rounded(values, variable.keep_bits)
+            array = self._array(group, variable.name, "r+")
+            if array.shape[1:] != values.shape:
+                raise SchemaError(
+                    f"{variable.name} has shape {values.shape}, group {group} of {self.folder} holds {array.shape[1:]}"
+                )
+            array[slot] = values
+
+        each(one, [variable for variable in self.schema.variables if is_region(variable)], threads)
         files = self.region_files(group, slot)
         self.storage.flush(files)
         return {name: self.storage.digest(name) for name in files}

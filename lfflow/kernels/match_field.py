@@ -8,6 +8,7 @@ the aperture are fused without the worst, regularised along the picture's edges 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,7 @@ from lfflow.kernels.mosaic_field import MosaicField
 from lfflow.kernels.pair_cost import Interpolation, pair_cost, pair_support
 from lfflow.kernels.refine import refine
 from lfflow.kernels.subpixel import CostInterpolation, minimum
+from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -54,6 +56,7 @@ class Matching:
     second_pass: bool = True
     regularise: bool = True
     min_support: float = 0.2
+    threads: int = 1
 
 
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
@@ -111,11 +114,9 @@ def _first_pass(field: MosaicField, options: Matching) -> FloatArray:
     reach = FIRST_RANGE
     while True:
         labels = _labels(options, 0.5 / longest, (-reach, reach))
-        costs = np.stack([
-            pair_cost(field, pair, labels, sigma=options.sigma, min_support=options.min_support,
-                      interpolation=options.interpolation)
-            for pair in pairs
-        ])  # fmt: skip
+        cost = partial(pair_cost, field, hypotheses=labels, sigma=options.sigma, min_support=options.min_support,
+                       interpolation=options.interpolation)  # fmt: skip
+        costs = np.stack(each(cost, pairs, options.threads))
         fused = fuse_costs(costs, labels, options.fusion)
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
         if options.hypotheses is not None or reach >= WIDEST_RANGE:
@@ -139,7 +140,7 @@ def _second_pass(field: MosaicField, picture: FloatArray, first: FloatArray, opt
         return first
     low, high = np.nanquantile(first, (0.005, 0.995))
     labels = _labels(options, SECOND_STEP, (low - 0.1, high + 0.1))
-    costs = model_costs(field, picture, labels)
+    costs = model_costs(field, picture, labels, threads=options.threads)
     found = _decide(fuse_costs(costs, labels, options.fusion), labels, picture, options, brick=_is_brick(field))
     return np.where(np.isfinite(found), found, first).astype(np.float32)
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.block import block_sum, block_weights
 from lfflow.kernels.mosaic_field import MosaicField
+from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
 MARGIN = 4
@@ -39,6 +40,7 @@ def model_costs(
     count: int = 4,
     limit: float = 0.03,
     thin: int = 1,
+    threads: int = 1,
 ) -> FloatArray:
     """Mean truncated absolute difference (sector, hypothesis, t, s) of the samples from `picture` (3, t, s).
 
@@ -54,19 +56,22 @@ def model_costs(
         A squared difference saturates about the square of this.
     thin
         One of `thin` views is used, spread so that all colours and directions stay.
+    threads
+        Hypotheses that are worked on at a time.
     """
     group = sectors(field.u, field.v, shortest=shortest, count=count)
     rows, columns = picture.shape[1:]
     blocks = block_weights(sigma, field.row_pitch, brick=bool(field.offset.max() > 0))
     out = np.empty((count, len(hypotheses), rows, columns), dtype=np.float32)
-    error = np.empty((count, rows, columns), dtype=np.float32)
-    weight = np.empty((count, rows, columns), dtype=np.float32)
     padded = np.pad(np.moveaxis(picture, 0, -1), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), mode="edge")
     chosen = np.add.outer(2 * field.v, field.u) % thin == 0
     seen = (field.cfa != CFA_NONE).any(axis=(2, 3)) & (group >= 0) & chosen
     views = [(j, i) for j, i in np.argwhere(seen)]
-    for h, d in enumerate(hypotheses):
-        error[:], weight[:] = 0, 0
+
+    def one_hypothesis(h: int) -> None:
+        d = hypotheses[h]
+        error = np.zeros((count, rows, columns), dtype=np.float32)
+        weight = np.zeros((count, rows, columns), dtype=np.float32)
         for j, i in views:
             view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
             step = np.float32(d), np.float32(d * field.u[i]), np.float32(d * field.v[j] / field.row_pitch)
@@ -76,6 +81,8 @@ def model_costs(
             support = block_sum(weight[k], field.offset, *blocks)
             total = block_sum(error[k], field.offset, *blocks)
             out[k, h] = np.where(support > 0.5, total / np.maximum(support, 0.5), np.float32(np.nan))
+
+    each(one_hypothesis, range(len(hypotheses)), threads)
     return out
 
 

@@ -219,7 +219,6 @@ class _Run:
             if step.action != RUN and not any(other.action == RUN for other in job.steps)
         ]
         jobs = self._with_slots([job for job in jobs if any(step.action == RUN for step in job.steps)])
-        works = (Work(self._collection.storage.url, self._chain, job, self._options.pictures) for job in jobs)
         finished = itertools.count(1)
 
         def report(statuses: tuple[Status, ...]) -> None:
@@ -229,6 +228,9 @@ class _Run:
 
         if jobs:
             lanes = in_flight(max(task_memory(job, self._chain) for job in jobs), *self._room())
+            spare = lanes // len(jobs) if self._options.workers.kind == "threads" else 1
+            url, pictures = self._collection.storage.url, self._options.pictures
+            works = (Work(url, self._chain, job, pictures, max(1, spare)) for job in jobs)
             self._executor(lanes).run(works, report)
 
     def _executor(self, lanes: int) -> Executor:

@@ -28,12 +28,13 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class StageInput:
-    """What a stage may use: the raw frame, the results of the stages before it, the group's grid."""
+    """What a stage may use: the raw frame, the results of the stages before it, the group's grid, the cores it has."""
 
     raw: xr.Dataset | None
     results: Mapping[str, xr.Dataset]
     grid: Grid | None
     parameters: Parameters
+    threads: int = 1
 
     @property
     def frame(self) -> xr.Dataset:
@@ -87,7 +88,7 @@ class Stage:
         own = [
             p.name for p in inspect.signature(function).parameters.values() if p.default is not inspect.Parameter.empty
         ]
-        return tuple(name for name in own if name not in ("shape", "radius"))
+        return tuple(name for name in own if name not in ("shape", "radius", "threads"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +164,7 @@ def _disparity(given: StageInput) -> xr.Dataset:
     from lfflow.stages.transpose import transpose_disparity
 
     lightfield = given.results["lightfield"]
-    central = disparity(lightfield, **given.parameters.get("disparity", {}))
+    central = disparity(lightfield, threads=given.threads, **given.parameters.get("disparity", {}))
     return transpose_disparity(central, lightfield, **given.parameters.get("transpose", {}))
 
 

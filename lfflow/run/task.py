@@ -43,6 +43,7 @@ class Work:
     chain: Chain
     job: Job
     pictures: bool = True
+    threads: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame,
         if step.why != "forced" and record is not None and record.fingerprint == step.fingerprint:
             return Status(step.stage, step.capture, "kept")
         try:
-            _commit(collection, work.job, stage, step, frame, started)
+            _commit(collection, work, stage, step, frame, started)
         except Exception as error:  # noqa: BLE001 - whatever goes wrong is this capture's failure and no one else's
             _log.debug("%s of %s", step.stage, step.capture, exc_info=True)
             _record_failure(collection, work.job, step, error)
@@ -129,18 +130,19 @@ def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame,
     return Status(step.stage, step.capture, "done", seconds=time.perf_counter() - started)
 
 
-def _commit(collection: Collection, job: Job, stage: Stage, step: Step, frame: _Frame, started: float) -> None:
+def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame: _Frame, started: float) -> None:
     """Compute, write the region, flush it, write the record: in this order, under the lease."""
+    job, threads = work.job, work.threads
     raw = frame.raw if stage.reads_raw else None
     results = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
     missing = [name for name in stage.upstream if name not in results]
     if missing:
         raise BlockedError(f"{stage.name} of {job.capture} has no {missing[0]}")
-    result = stage.function(StageInput(raw, results, job.grid, step.parameters))
+    result = stage.function(StageInput(raw, results, job.grid, step.parameters, threads))
     result = stage.schema.check(result.compute(), f"result of {stage.name} of {job.capture}")
     store = collection.store(stage.name)
     collection.ledger.remove(stage.name, job.capture)
-    files = store.write(job.group, step.slot, result)
+    files = store.write(job.group, step.slot, result, threads)
     collection.ledger.write(Record(
         stage.name, job.capture, DONE, step.fingerprint,
         source={"path": job.path, "sha256": job.sha256},

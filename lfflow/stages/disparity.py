@@ -34,6 +34,7 @@ def disparity(
     second_pass: bool = True,
     regularise: bool = True,
     min_support: float = 0.2,
+    threads: int = 1,
     **view_options: Any,
 ) -> xr.Dataset:
     """Disparity of the central view of a light field, with its error map.
@@ -65,6 +66,8 @@ def disparity(
         each block decides for itself.
     min_support
         Share of a block that must have met its own colour.
+    threads
+        Cores that one capture may use; the result does not depend on it.
 
     Returns
     -------
@@ -96,6 +99,7 @@ def disparity(
         second_pass=second_pass,
         regularise=regularise,
         min_support=min_support,
+        threads=threads,
     )
 
     def match(field: MosaicField) -> tuple[npt.NDArray[Any], ...]:

@@ -17,6 +17,10 @@ def test_a_plane_has_one_disparity(d):
     assert float((abs(inner - d) > 0.1).mean()) < 0.02
 
 
+def test_threads_do_not_change_a_bit(tilted):
+    xr.testing.assert_identical(lfflow.disparity(tilted, threads=3), lfflow.disparity(tilted))
+
+
 def test_lazy_and_the_same_under_other_chunks_and_orders(tilted):
     expected = lfflow.disparity(tilted)
     with raise_if_dask_computes():
