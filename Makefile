@@ -44,5 +44,8 @@ fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
 	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536
 
+benchmark: $(STAMP)  ## accuracy and CPU seconds against bounds, part by part (minutes)
+	for part in formats calibration demultiplex storage disparity reconstruct; do $(BIN)/python benchmarks/$$part.py || exit 1; done
+
 lock: $(STAMP)       ## write constraints.txt from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 import time
 from pathlib import Path
@@ -55,7 +56,10 @@ def demo(
     started = time.perf_counter()
     outcome = run_collection(where, Options(inputs=[str(files)]))
     done, kept = outcome.counts.get("done", 0), outcome.counts.get("kept", 0)
-    print(f"ran the chain in {time.perf_counter() - started:.1f} s: {done} results made, {kept} kept")
+    print(
+        f"ran the chain in {time.perf_counter() - started:.1f} s: {done} results made, {kept} kept, "
+        f"peak memory {peak_memory():.2f} GiB"
+    )
     for capture, reason in outcome.failed.items():
         print(f"  failed: {capture}: {reason}")
     collection = open_collection(where)
@@ -68,6 +72,12 @@ def demo(
         print(picture)
     print(f"collection: {where}")
     return outcome.exit_code
+
+
+def peak_memory() -> float:
+    """Largest memory that this process has held so far, GiB."""
+    unit = 1 if sys.platform == "darwin" else 1 << 10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / (1 << 30)
 
 
 def print_lattices(collection: Collection, files: Path) -> None:
