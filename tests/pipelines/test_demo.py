@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import pytest
 
+from lfflow import open_collection
+from lfflow.schema import SCHEMAS
 from pipelines.demo import demo
 
 
@@ -40,3 +42,8 @@ def test_a_picture_of_each_capture_and_a_page_are_left(first_run: tuple[Path, in
     assert picture is not None
     assert picture.std() > 20
     assert "IMG_0001" in (collection / "report.html").read_text()
+
+
+@pytest.mark.parametrize("kind", ["calibration", "lightfield", "disparity"])
+def test_every_store_is_what_its_schema_declares(first_run: tuple[Path, int], kind: str) -> None:
+    SCHEMAS[kind].check(open_collection(first_run[0] / "collection").open(kind), kind)
