@@ -160,10 +160,10 @@ def test_a_full_disk_is_said_and_the_run_resumes_when_there_is_room(tmp_path, ca
 
     original = Store.write
 
-    def full(self, group, slot, ds):
+    def full(self, group, slot, ds, threads=1):
         if self.schema.name == "disparity" and slot > 0:
             raise OSError(errno.ENOSPC, "No space left on device")
-        return original(self, group, slot, ds)
+        return original(self, group, slot, ds, threads)
 
     with monkeypatch.context() as patch:
         patch.setattr(Store, "write", full)
