@@ -100,6 +100,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     axes.set(xlabel="phase of the shift (lenses)", ylabel="mean error (lenses)", title="Pixel locking, parabola")
     axes.legend()
     figure.savefig(path, dpi=100)
+    plt.close(figure)
 
 
 def main(arguments: list[str] | None = None) -> list[dict[str, Any]]:

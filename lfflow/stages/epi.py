@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 
@@ -51,11 +53,8 @@ def epi(
     return out
 
 
-def plot_epi(image: xr.Dataset) -> object:
-    """Draw an epipolar image with its lines on the current matplotlib axes; returns the axes."""
-    from matplotlib import pyplot as plt
-
-    axes = plt.gca()
+def plot_epi(image: xr.Dataset, axes: Any) -> Any:
+    """Draw an epipolar image with its lines on matplotlib axes; returns the axes."""
     view, lens = (str(dim) for dim in image["epi"].dims[:2])
     values = np.clip(np.nan_to_num(np.asarray(image["epi"], dtype=np.float64)), 0, 1)
     low, high = float(image[lens][0]), float(image[lens][-1])

@@ -1,10 +1,10 @@
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
 from analytic_field import make_field
+from matplotlib.figure import Figure
 
 from lfflow.errors import LfflowError
 from lfflow.stages.epi import epi, plot_epi
@@ -24,10 +24,9 @@ def test_lines_of_the_disparity_follow_the_texture() -> None:
 
 
 def test_it_can_be_drawn() -> None:
-    mpl.use("agg")
     _, disp, views = make_field([(0.4, -99.0)], shape=(6, 12), radius=2)
-    axes = plot_epi(epi(views.assign(disparity=disp["disparity"]), t=3))
-    assert len(axes.lines) == 2  # type: ignore[attr-defined]
+    axes = plot_epi(epi(views.assign(disparity=disp["disparity"]), t=3), Figure().subplots())
+    assert len(axes.lines) == 2
 
 
 def test_slanted_cuts_are_refused() -> None:
