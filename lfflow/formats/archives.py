@@ -78,15 +78,6 @@ class ArchiveEntry:
         return self.frame.dataset()
 
 
-def is_archive(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a calibration archive, by its content."""
-    with open_binary(os.fspath(path)) as file:
-        head = file.read(512)
-    if is_tar(head):
-        return True
-    return is_container(head) and is_storage(open_container(os.fspath(path)))
-
-
 def is_storage(container: Container) -> bool:
     """Whether a container stores named files."""
     return isinstance(container.toc.value.get("files"), list)

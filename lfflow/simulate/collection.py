@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -128,9 +127,3 @@ def open_truth(folder: str | Path, capture: str) -> xr.Dataset:
     """Truth of one file of a simulated folder; its radiance is in ``open_truth(folder, "IMG_0001/views")``."""
     truth: xr.Dataset = xr.open_zarr(Path(folder) / TRUTH, group=capture, zarr_format=3, consolidated=False)
     return truth
-
-
-def simulated_captures(folder: str | Path) -> Iterator[str]:
-    """Ids of the files whose truth a folder holds; none where it holds no truth."""
-    store = Path(folder) / TRUTH
-    return iter(sorted(path.name for path in store.iterdir() if path.is_dir())) if store.is_dir() else iter(())
