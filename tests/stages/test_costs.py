@@ -6,9 +6,8 @@ import xarray as xr
 
 import lfflow
 from lfflow.errors import SchemaError
-from lfflow.kernels.pair_cost import tap_weights
 from tests.conftest import raise_if_dask_computes
-from tests.disparity.conftest import lightfield, plane
+from tests.mosaic_fields import lightfield, plane
 
 
 def flats(X, Y, a, b, colour):
@@ -95,19 +94,6 @@ def test_samples_beyond_a_wrap_of_the_rounding_are_no_partners():
     best = costs.hypothesis[costs.fillna(np.inf).argmin("hypothesis")].where(costs.notnull().any("hypothesis"))
     inner = best.isel(t=slice(5, -5), s=slice(8, -8))
     assert float(abs(inner - 0.25).max()) <= 0.13
-
-
-@pytest.mark.parametrize("method", ["nearest", "linear", "cubic", "bandlimited"])
-def test_interpolation_keeps_constants_and_hits_the_samples(method):
-    for fraction in (0.0, 0.25, 0.5, 0.9):
-        assert tap_weights(fraction, method).sum() == pytest.approx(1, abs=1e-6)
-    assert tap_weights(0.0, method)[2] == 1
-
-
-def test_cubic_is_exact_on_parabolas():
-    taps = np.arange(-2, 4.0)
-    for f in (0.2, 0.5, 0.7):
-        assert tap_weights(f, "cubic") @ taps**2 == pytest.approx(f * f, abs=1e-6)
 
 
 def test_what_is_no_light_field_is_refused(tilted):

@@ -8,7 +8,7 @@ import lfflow
 from lfflow.kernels.transpose import consistency
 from lfflow.schema import DISPARITY
 from tests.conftest import raise_if_dask_computes
-from tests.disparity.conftest import lightfield, plane
+from tests.mosaic_fields import lightfield, plane
 
 
 @pytest.fixture(scope="module")

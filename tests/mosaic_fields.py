@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 import xarray as xr
 
 from lfflow.lattice import Lattice
@@ -80,8 +79,3 @@ def plane(d: float, seed: int = 1, **options: float) -> Callable[..., np.ndarray
     """A fronto-parallel picture at disparity d: what is at X in view 0 is at X − d·u in view u."""
     picture = waves(seed, **options)
     return lambda X, Y, a, b, colour: picture(X + d * a, Y + d * b, colour)
-
-
-@pytest.fixture(scope="session")
-def tilted() -> xr.Dataset:
-    return lightfield(plane(0.3), noise=0.002)

@@ -2,47 +2,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import lfflow
-from lfflow.kernels.completion import complete_centre
-from lfflow.kernels.mosaic_field import mosaic_field
-from lfflow.kernels.refine import refine
 from lfflow.schema import lattice_of
-from tests.disparity.conftest import lightfield, plane, waves
+from tests.conftest import raise_if_dask_computes
+from tests.mosaic_fields import lightfield, plane
 
 SHAPE = (40, 46)
 
 
-def field_of(lf):
-    axes = tuple(lf[dim].to_numpy() for dim in ("v", "u", "t", "s"))
-    return mosaic_field(lf.mosaic.to_numpy(), lf.cfa.to_numpy(), lf.weight.to_numpy(), axes, lattice_of(lf))
+@pytest.mark.parametrize("d", [-0.4, 0.0, 0.17])
+def test_a_plane_has_one_disparity(d):
+    out = lfflow.disparity(lightfield(plane(d)))
+    inner = out.disparity.isel(t=slice(6, -6), s=slice(6, -6))
+    assert float(abs(inner - d).median()) < 0.01
+    assert float((abs(inner - d) > 0.1).mean()) < 0.02
 
 
-@pytest.fixture(scope="module")
-def slab():
-    return field_of(lightfield(plane(0.3, seed=4, sharpest=0.2), shape=SHAPE))
+def test_threads_do_not_change_a_bit(tilted):
+    xr.testing.assert_identical(lfflow.disparity(tilted, threads=3), lfflow.disparity(tilted))
 
 
-def test_the_completed_view_is_the_picture(slab):
-    picture, weight = complete_centre(slab, np.full(SHAPE, 0.3, "f4"), np.full(SHAPE, 0.01, "f4"))
-    X = np.arange(SHAPE[1])[None, :] + slab.offset[:, None]
-    Y = np.arange(SHAPE[0])[:, None] * slab.row_pitch + 0 * X
-    for colour in range(3):
-        truth = waves(4, sharpest=0.2)(X, Y, np.full(X.shape, colour))
-        error = (picture[colour] - truth)[6:-6, 6:-6]
-        assert np.sqrt(np.mean(error**2)) < 0.15 * truth.std()
-    assert (weight[:, 6:-6, 6:-6] > 0.05).mean() > 0.95
-
-
-@pytest.mark.parametrize("off", [-0.03, 0.03])
-def test_steps_go_to_the_true_disparity(slab, off):
-    start = np.full(SHAPE, 0.3 + off, dtype="f4")
-    picture, _ = complete_centre(slab, np.full(SHAPE, 0.3, "f4"), np.full(SHAPE, 0.01, "f4"))
-    once = refine(slab, picture, start).disparity
-    twice = refine(slab, picture, once).disparity
-    errors = [float(np.median(np.abs(d - 0.3)[6:-6, 6:-6])) for d in (start, once, twice)]
-    assert errors[1] < errors[0] / 2
-    assert errors[2] < 0.007
+def test_lazy_and_the_same_under_other_chunks_and_orders(tilted):
+    expected = lfflow.disparity(tilted)
+    with raise_if_dask_computes():
+        lazy = lfflow.disparity(tilted.chunk({"v": 1, "u": 1, "t": 20}))
+    xr.testing.assert_identical(lazy.compute(), expected)
+    xr.testing.assert_identical(lfflow.disparity(tilted.transpose("s", "u", "t", "v", ...)), expected)
+    assert expected.disparity.dims == ("t", "s")
+    assert int(expected.u) == int(expected.v) == 0
+    assert np.issubdtype(expected.flags.dtype, np.uint8)
 
 
 def test_the_error_map_tells_where_there_is_no_texture():
