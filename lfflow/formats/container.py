@@ -15,6 +15,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -49,7 +50,7 @@ class Section:
     region: Region
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Container:
     """An opened container: the headers of all sections, and the table of contents."""
 
@@ -75,11 +76,18 @@ class Container:
         """As `chunk`, None where there is none (derived files refer to sections of the raw file they come from)."""
         if not isinstance(reference, str) or not reference.startswith("sha1-"):
             return None
-        sha1 = reference[5:].lower()
-        found = [section.region for section in self.sections if section.region.sha1 == sha1]
+        found = self._by_sha1.get(reference[5:].lower(), [])
         if len({region.length for region in found}) > 1:
             raise StructureError(self.path, f"id {_shown(reference)}", "sections of different lengths", "one section")
         return found[0] if found else None
+
+    @cached_property
+    def _by_sha1(self) -> dict[str, list[Region]]:
+        found: dict[str, list[Region]] = {}
+        for section in self.sections:
+            if section.region.sha1 is not None:
+                found.setdefault(section.region.sha1, []).append(section.region)
+        return found
 
     def read_json(self, region: Region, where: str) -> Document:
         """Parsed JSON of a section, checked against its SHA-1 unless damage is accepted."""

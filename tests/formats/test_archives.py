@@ -10,9 +10,18 @@ import pytest
 import xarray as xr
 from format_examples import PRIVATE, metadata_of
 
-from lfflow.formats.archives import archive_entries, archive_members, write_storage
-from lfflow.formats.errors import ChecksumError, FileFormatError, StructureError, TruncatedError, UnsupportedError
+from lfflow.formats.archives import archive_entries, archive_members, is_archive, open_entry, write_storage
+from lfflow.formats.container import chunk_id, write_container
+from lfflow.formats.errors import (
+    ChecksumError,
+    FileFormatError,
+    LimitError,
+    StructureError,
+    TruncatedError,
+    UnsupportedError,
+)
 from lfflow.formats.raw_pair import pair_bytes, write_pair
+from lfflow.formats.region import Region
 from lfflow.formats.tar import tar_members
 from lfflow.schema import RAW
 
@@ -149,3 +158,67 @@ def test_real_metadata_of_an_illum_white_image(tmp_path, shared_data) -> None:
     assert float(ds["zoom_step"]) == -1040
     assert ds["time"].values == np.datetime64("2014-09-06T10:41:51", "ns")
     assert ds["raw"][5367, 7727].item() == 0
+
+
+def test_an_entry_opens_by_archive_and_name(tmp_path) -> None:
+    contents = images("f01")
+    files = {f"C:\\T1CALIB\\{name}.{end}": data for name, (_, *two) in contents.items() for end, data in zip(("RAW", "TXT"), two, strict=True)}  # fmt: skip  # noqa: E501
+    path = tmp_path / "data.C.0"
+    write_storage(path, files)
+    assert is_archive(path)
+    for name in ("MOD_0002.RAW", "mod_0002.raw", "C:\\T1CALIB\\MOD_0002.RAW"):
+        assert np.array_equal(open_entry(path, name)["raw"].values, contents["MOD_0002"][0])
+    with pytest.raises(StructureError, match=r"data\.C\.0: members: found 0 members 'mod_0009.raw', expected one"):
+        open_entry(path, "MOD_0009.RAW")
+
+
+def test_listing_is_lazy(tmp_path, monkeypatch) -> None:
+    contents = images("illum", 3)
+    files = {f"{name}.{end}": data for name, (_, *two) in contents.items() for end, data in zip(("RAW", "TXT"), two, strict=True)}  # fmt: skip  # noqa: E501
+    path = tmp_path / "caldata.tar"
+    path.write_bytes(tar_of(files))
+    read = []
+    original = Region._read
+    monkeypatch.setattr(Region, "_read", lambda self, file, *at: read.append(self.name) or original(self, file, *at))
+    listing = archive_entries(path)
+    assert next(listing).name == "MOD_0000.RAW"
+    assert read == ["member 'MOD_0000.TXT'"]
+
+
+def test_a_name_in_two_folders_is_told_with_its_folder(tmp_path) -> None:
+    (one, *first), (two, *second) = images("f01", 2).values()
+    path = tmp_path / "data.C.0"
+    ends = ("RAW", "TXT")
+    files = {f"C:\\{folder}\\MOD_0000.{end}": data for folder, pair in (("A", first), ("B", second)) for end, data in zip(ends, pair, strict=True)}  # fmt: skip  # noqa: E501
+    write_storage(path, files)
+    entries = list(archive_entries(path))
+    assert [entry.name for entry in entries] == ["C:\\A\\MOD_0000.RAW", "C:\\B\\MOD_0000.RAW"]
+    assert [entry.zoom for entry in entries] == [0, 100]
+    for entry, raw in zip(entries, (one, two), strict=True):
+        assert np.array_equal(xr.open_dataset(entry.path, engine="lfp")["raw"].values, raw)
+    with pytest.raises(StructureError, match="2 members"):
+        open_entry(path, "MOD_0000.RAW")
+
+
+def test_the_text_of_an_image_may_lie_in_the_next_archive(tmp_path) -> None:
+    raw, image, text = images("f01", 1)["MOD_0000"]
+    write_storage(tmp_path / "data.C.0", {"C:\\T1CALIB\\MOD_0000.RAW": image})
+    write_storage(tmp_path / "data.C.1", {"C:\\T1CALIB\\MOD_0000.TXT": text})
+    (entry,) = archive_entries(tmp_path / "data.C.0")
+    assert entry.serial == "A202110453"
+    assert np.array_equal(entry.open()["raw"].values, raw)
+
+
+def test_a_section_under_thousands_of_names_is_refused(tmp_path) -> None:
+    data = bytes(1000)
+    listed = [{"name": f"MOD_{number:04d}.TXT", "dataRef": chunk_id(data)} for number in range(9999)]
+    write_container(tmp_path / "data.C.0", {"files": listed}, [data])
+    with pytest.raises(LimitError, match="at most 8 times"):
+        archive_members(tmp_path / "data.C.0")
+
+
+def test_what_is_no_archive(tmp_path) -> None:
+    write_container(tmp_path / "a.lfp", {"frames": []}, [])
+    (tmp_path / "b").write_bytes(b"x" * 600)
+    (tmp_path / "c").write_bytes(b"")
+    assert not any(is_archive(tmp_path / name) for name in ("a.lfp", "b", "c", "none"))
