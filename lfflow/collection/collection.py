@@ -15,7 +15,7 @@ from lfflow.collection.records import FAILED, Ledger
 from lfflow.collection.scalars import decode, small_variables
 from lfflow.collection.storage import open_storage
 from lfflow.collection.stores import Store
-from lfflow.collection.whites import SELF, candidates
+from lfflow.collection.whites import SELF, candidates, reason
 from lfflow.errors import CollectionError
 from lfflow.schema import SCHEMAS
 
@@ -114,6 +114,7 @@ class Collection:
             "path": str(row["path"]),
             "kind": str(row["kind"]),
             "white": str(row["white"]),
+            "white_reason": reason(row, found) if row["kind"] == "scene" else "",
             "failure": str(row["failure"]),
             "candidates": [str(candidate) for candidate in found],
             "stages": {kind: str(row[f"{kind}_state"]) for kind in KINDS if row[f"{kind}_state"]},

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -19,7 +18,7 @@ from lfflow.collection.collection import select
 from lfflow.collection.leases import run_lease
 from lfflow.collection.scan import find_files, scan
 from lfflow.collection.storage import explain
-from lfflow.collection.whites import choose
+from lfflow.collection.whites import MAX_STEPS, choose
 from lfflow.run.chain import CHAIN, Chain, Grid, Parameters, camera_grid, lattice_grid
 from lfflow.run.config import WHITES
 from lfflow.run.executors import Executor, ThreadExecutor, Workers
@@ -128,7 +127,7 @@ def _scan(collection: Collection, options: Options, chain: Chain) -> pd.DataFram
 
 
 def _max_steps(options: Options) -> float:
-    return float(options.config.get(WHITES, {}).get("max_steps", math.inf))
+    return float(options.config.get(WHITES, {}).get("max_steps", MAX_STEPS))
 
 
 class _Run:
