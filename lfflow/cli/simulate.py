@@ -18,6 +18,7 @@ def simulate(
     seed: int = 0,
     camera: Literal["f01", "illum"] = "f01",
     zooms: int = 1,
+    scene: Literal["natural", "hard"] = "natural",
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Make a white image and captures of a simulated camera, with the truth beside them.
@@ -34,6 +35,8 @@ def simulate(
         Camera model.
     zooms
         Number of zoom settings that the captures take in turn, each with a white image.
+    scene
+        natural: detail everywhere; hard: plain surfaces, thin things before them, slanted planes.
     json_
         Print one JSON document.
     """
@@ -43,7 +46,7 @@ def simulate(
         sys.stderr.write("lfflow: --captures must be 0 or more, --zooms 1 or more\n")
         return 1
     started = time.perf_counter()
-    files = simulate_collection(out, captures, seed, camera, zooms=zooms)
+    files = simulate_collection(out, captures, seed, camera, zooms=zooms, scene=scene)
     seconds = time.perf_counter() - started
     if json_:
         document = {"files": [str(file) for file in files], "truth": str(out / TRUTH), "seconds": round(seconds, 3)}

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from lfflow.simulate.capture import simulate_capture, simulate_white
     from lfflow.simulate.collection import open_truth, simulate_collection
     from lfflow.simulate.from_views import simulate_from_views
+    from lfflow.simulate.hard import hard_scene
     from lfflow.simulate.natural import natural_scene
     from lfflow.simulate.optics import Optics
     from lfflow.simulate.scene import Layer, Scene, Texture
@@ -19,6 +20,7 @@ _HOME = {
     "open_truth": "lfflow.simulate.collection",
     "simulate_collection": "lfflow.simulate.collection",
     "simulate_from_views": "lfflow.simulate.from_views",
+    "hard_scene": "lfflow.simulate.hard",
     "natural_scene": "lfflow.simulate.natural",
     "Optics": "lfflow.simulate.optics",
     "Layer": "lfflow.simulate.scene",
@@ -31,6 +33,7 @@ __all__ = [
     "Optics",
     "Scene",
     "Texture",
+    "hard_scene",
     "natural_scene",
     "open_truth",
     "simulate_capture",

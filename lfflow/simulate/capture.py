@@ -13,6 +13,7 @@ import xarray as xr
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_variables
 from lfflow.simulate.body import BODIES, Body, Setting
+from lfflow.simulate.hard import hard_scene
 from lfflow.simulate.metadata import raw_dataset
 from lfflow.simulate.natural import natural_scene
 from lfflow.simulate.optics import Optics
@@ -21,6 +22,8 @@ from lfflow.simulate.scene import Scene, Texture
 from lfflow.simulate.sensor import RawImage
 from lfflow.simulate.truth import Grid, truth_disparity, truth_views
 
+SCENES = {"natural": natural_scene, "hard": hard_scene}
+"""Kinds of scenes that can be asked for by name."""
 WHITE_LEVEL = 0.75
 """Peak of a white image's brightest channel."""
 
@@ -29,7 +32,7 @@ FloatImage = npt.NDArray[np.float32]
 
 def simulate_capture(
     lattice: Lattice | None = None,
-    scene: Scene | None = None,
+    scene: Scene | str = "natural",
     *,
     height: int | None = None,
     width: int | None = None,
@@ -52,7 +55,8 @@ def simulate_capture(
     lattice
         Microlens lattice; the camera's own, at its zoom and focus, by default.
     scene
-        What is seen, in camera colours (see `Scene`); a natural scene made from `seed` by default.
+        What is seen, in camera colours (see `Scene`), or the kind of the scene that is made from `seed`: "natural"
+        (detail everywhere) or "hard" (plain surfaces, thin things, slanted planes).
     height, width
         Sensor size, pixels; that of the camera by default.
     seed
@@ -86,7 +90,8 @@ def simulate_capture(
     height, width = height or body.model.height, width or body.model.width
     lattice = lattice or body.lattice(setting, height, width)
     rng = np.random.default_rng(_entropy(seed, capture))
-    scene = scene or camera_scene(natural_scene(rng, max(height, width) / lattice.dh / 2), body)
+    if isinstance(scene, str):
+        scene = camera_scene(SCENES[scene](rng, max(height, width) / lattice.dh / 2), body)
     levels = render(lattice, scene, optics, body.sensor.cfa, height, width)
     samples, defects = _digitise(levels, body, setting, seed=_entropy(seed, capture), noise=noise)
     time = _time(seed, capture)

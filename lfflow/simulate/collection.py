@@ -27,6 +27,7 @@ def simulate_collection(
     camera: str | Body = "f01",
     *,
     zooms: int = 1,
+    scene: str = "natural",
     height: int | None = None,
     width: int | None = None,
     **options: Any,
@@ -49,6 +50,8 @@ def simulate_collection(
         "f01", "illum" or a `Body`.
     zooms
         Number of zoom settings that the captures take in turn. With more than one, the pitch varies as 1 + f/Z.
+    scene
+        Kind of the scenes: "natural" or "hard" (`simulate_capture`).
     height, width
         Sensor size, pixels; the camera's by default.
     options
@@ -73,18 +76,16 @@ def simulate_collection(
         _write_truth(folder / TRUTH, truth, ("vignetting",))
     for number, setting in enumerate(settings):
         name = f"IMG_{number + 1:04d}"
-        raw, truth, views = _capture(setting, name, size, options)
+        raw, truth, views = _capture(setting, name, {"scene": scene, **size, **options})
         files.append(write_capture(folder, raw, body))
         _write_truth(folder / TRUTH, truth, ())
         views.to_zarr(folder / TRUTH, group=f"{name}/views", mode="w", zarr_format=3, consolidated=False)
     return files
 
 
-def _capture(
-    setting: Setting, name: str, size: dict[str, Any], options: dict[str, Any]
-) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+def _capture(setting: Setting, name: str, options: dict[str, Any]) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Raw frame, truth with the disparity of all views, and the radiance of some."""
-    raw, truth = simulate_capture(setting=setting, capture=name, rgb_views=RGB_VIEWS, **size, **options)
+    raw, truth = simulate_capture(setting=setting, capture=name, rgb_views=RGB_VIEWS, **options)
     views = truth[["rgb"]].rename({"rgb_v": "v", "rgb_u": "u"}).drop_vars("capture")
     views["channel"] = np.array(views["channel"].values, dtype=np.dtypes.StringDType())
     return raw, truth.drop_dims(["rgb_v", "rgb_u", "channel"]), views

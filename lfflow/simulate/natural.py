@@ -12,6 +12,7 @@ from lfflow.simulate.texture import natural_texture
 
 FloatArray = npt.NDArray[np.float64]
 Outline = Callable[[FloatArray, FloatArray], FloatArray]
+OutlineMaker = Callable[[np.random.Generator, FloatArray, float], Outline]
 
 LARGEST_DISPARITY = 0.55
 """All disparities of a natural scene lie within ± this, in lens pitches per view step."""
@@ -22,6 +23,11 @@ _PALETTES = {
     "wall": [(0.45, 0.44, 0.42), (0.62, 0.58, 0.50), (0.28, 0.30, 0.34), (0.50, 0.36, 0.28), (0.72, 0.72, 0.70)],
     "petals": [(0.62, 0.10, 0.12), (0.70, 0.44, 0.08), (0.55, 0.20, 0.42), (0.80, 0.72, 0.60), (0.25, 0.22, 0.55)],
 }
+
+
+def palette(name: str) -> FloatArray:
+    """Linear sRGB colours (n, 3) of "leaves", "earth", "wall" or "petals"."""
+    return np.array(_PALETTES[name])
 
 
 def natural_scene(rng: np.random.Generator, half_size: float, *, objects: int = 7) -> Scene:
@@ -38,10 +44,7 @@ def natural_scene(rng: np.random.Generator, half_size: float, *, objects: int = 
     """
     reach = half_size + 12
     size = 1 << int(np.ceil(np.log2(max(64.0, min(2 * reach * 2, 1024.0)))))
-    textures = {
-        name: natural_texture(rng, size, np.array(palette), roughness=rng.uniform(0.7, 1.3))
-        for name, palette in _PALETTES.items()
-    }
+    textures = {name: natural_texture(rng, size, palette(name), roughness=rng.uniform(0.7, 1.3)) for name in _PALETTES}
     layers = _surroundings(rng, half_size, textures)
     names = list(textures)
     for index in range(objects):

@@ -121,19 +121,10 @@ def _opaque(masks: npt.NDArray[np.float32], mask: int, x: float, y: float) -> bo
     return bool(top * (1.0 - fy) + bottom * fy > 0.0)
 
 
-@numba.njit(nogil=True, cache=True)
-def _first_layer(
-    x: float,
-    y: float,
-    a: float,
-    b: float,
-    planes: npt.NDArray[np.float64],
-    bounds: npt.NDArray[np.float64],
-    mask_index: npt.NDArray[np.int64],
-    masks: npt.NDArray[np.float32],
-    mask_scale: float,
-) -> tuple[int, float, float, float]:
+@numba.njit(nogil=True, cache=True, forceinline=True)
+def _first_layer(x: float, y: float, a: float, b: float, scene: Any) -> tuple[int, float, float, float]:
     """Nearest opaque layer along the ray, where (P) and at what disparity; layer −1 if there is none."""
+    planes, bounds, masks = scene.planes, scene.bounds, scene.masks
     found, found_x, found_y, nearest = -1, 0.0, 0.0, -np.inf
     for layer in range(planes.shape[0]):
         gx, gy = planes[layer, 1], planes[layer, 2]
@@ -145,10 +136,10 @@ def _first_layer(
         px, py = x + d * a, y + d * b
         if px < bounds[layer, 0] or px > bounds[layer, 1] or py < bounds[layer, 2] or py > bounds[layer, 3]:
             continue
-        mask = mask_index[layer]
+        mask = scene.mask_index[layer]
         if mask >= 0:
             middle = masks.shape[1] // 2
-            if not _opaque(masks, mask, px * mask_scale + middle, py * mask_scale + middle):
+            if not _opaque(masks, mask, px * scene.mask_scale + middle, py * scene.mask_scale + middle):
                 continue
         found, found_x, found_y, nearest = layer, px, py, d
     return found, found_x, found_y, nearest
@@ -185,21 +176,40 @@ def _texel(textures: npt.NDArray[np.float32], index: int, channel: int, x: float
     return total
 
 
-@numba.njit(nogil=True, cache=True)
-def _colour(
-    layer: int,
-    x: float,
-    y: float,
-    channel: int,
-    texture_index: npt.NDArray[np.int64],
-    frames: npt.NDArray[np.float64],
-    tints: npt.NDArray[np.float32],
-    textures: npt.NDArray[np.float32],
-) -> float:
+@numba.njit(nogil=True, cache=True, forceinline=True)
+def _colour(layer: int, x: float, y: float, channel: int, scene: Any) -> float:
     """Radiance of a layer at the point (x, y) of the scene."""
+    frames = scene.frames
     i = frames[layer, 0] * x - frames[layer, 1] * y + frames[layer, 2]
     j = frames[layer, 1] * x + frames[layer, 0] * y + frames[layer, 3]
-    return float(_texel(textures, texture_index[layer], channel, i, j) * tints[layer, channel])
+    return float(_texel(scene.textures, scene.texture_index[layer], channel, i, j) * scene.tints[layer, channel])
+
+
+@numba.njit(nogil=True, cache=True, forceinline=True)
+def _mean_radiance(
+    x: float,
+    y: float,
+    a: float,
+    b: float,
+    scene: Any,
+    rays: npt.NDArray[np.float64],
+    channels: tuple[int, int],
+    mean: npt.NDArray[np.float64],
+) -> None:
+    """Mean over the rays about (x, y, a, b) of the radiance of the channels from the first to before the last.
+
+    It goes into `mean` (3,). `rays` (n, 4): offsets (lens x, lens y in lens pitches, pixel x, pixel y in pixels). Rays
+    that meet nothing are dark.
+    """
+    first, last = channels
+    mean[:] = 0.0
+    for k in range(rays.shape[0]):
+        layer, px, py, _ = _first_layer(x + rays[k, 0], y + rays[k, 1], a + rays[k, 2], b + rays[k, 3], scene)
+        if layer >= 0:
+            for channel in range(first, last):
+                mean[channel] += _colour(layer, px, py, channel, scene)
+    for channel in range(first, last):
+        mean[channel] /= rays.shape[0]
 
 
 @numba.njit(nogil=True, cache=True)
@@ -222,18 +232,9 @@ def expose(
 ) -> None:
     """Multiply the illumination in `out` (rows, width) by the scene's radiance in the colour of each pixel.
 
-    `rays` (n, 4): offsets (lens x, lens y in lens pitches, pixel x, pixel y in pixels) that are averaged. `cfa` (2, 2):
-    channel of the top-left sensor pixels. Rays that meet nothing are dark.
+    `rays` as in `_mean_radiance`. `cfa` (2, 2): channel of the top-left sensor pixels.
     """
-    planes, bounds, mask_index, masks, scale = (
-        scene.planes,
-        scene.bounds,
-        scene.mask_index,
-        scene.masks,
-        scene.mask_scale,
-    )
-    texture_index, frames, tints, textures = scene.texture_index, scene.frames, scene.tints, scene.textures
-    count = rays.shape[0]
+    mean = np.zeros(3)
     for row in range(out.shape[0]):
         y = first_row + row
         for x in range(out.shape[1]):
@@ -241,15 +242,8 @@ def expose(
                 continue
             lens_x, lens_y, a, b = _lens_under(float(x), float(y), frame)
             channel = cfa[y & 1, x & 1]
-            total = 0.0
-            for k in range(count):
-                layer, px, py, _ = _first_layer(
-                    lens_x + rays[k, 0], lens_y + rays[k, 1], a + rays[k, 2], b + rays[k, 3],
-                    planes, bounds, mask_index, masks, scale,
-                )  # fmt: skip
-                if layer >= 0:
-                    total += _colour(layer, px, py, channel, texture_index, frames, tints, textures)
-            out[row, x] *= total / count
+            _mean_radiance(lens_x, lens_y, a, b, scene, rays, (channel, channel + 1), mean)
+            out[row, x] *= mean[channel]
 
 
 @numba.njit(nogil=True, cache=True)
@@ -257,16 +251,9 @@ def view_disparity(
     out: npt.NDArray[np.float32], x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], a: float, b: float, scene: Any
 ) -> None:
     """Disparity of the points seen at the lens positions (x, y) under the angle (a, b), into `out` (same shape)."""
-    planes, bounds, mask_index, masks, scale = (
-        scene.planes,
-        scene.bounds,
-        scene.mask_index,
-        scene.masks,
-        scene.mask_scale,
-    )
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
-            layer, _, _, d = _first_layer(x[i, j], y[i, j], a, b, planes, bounds, mask_index, masks, scale)
+            layer, _, _, d = _first_layer(x[i, j], y[i, j], a, b, scene)
             out[i, j] = d if layer >= 0 else np.nan
 
 
@@ -281,24 +268,8 @@ def view_radiance(
     rays: npt.NDArray[np.float64],
 ) -> None:
     """Radiance (R, G, B) seen at the lens positions (x, y) under the angle (a, b), into `out` (rows, columns, 3)."""
-    planes, bounds, mask_index, masks, scale = (
-        scene.planes,
-        scene.bounds,
-        scene.mask_index,
-        scene.masks,
-        scene.mask_scale,
-    )
-    texture_index, frames, tints, textures = scene.texture_index, scene.frames, scene.tints, scene.textures
-    count = rays.shape[0]
+    mean = np.zeros(3)
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
-            out[i, j, :] = 0.0
-            for k in range(count):
-                layer, px, py, _ = _first_layer(
-                    x[i, j] + rays[k, 0], y[i, j] + rays[k, 1], a + rays[k, 2], b + rays[k, 3],
-                    planes, bounds, mask_index, masks, scale,
-                )  # fmt: skip
-                if layer >= 0:
-                    for channel in range(3):
-                        radiance = _colour(layer, px, py, channel, texture_index, frames, tints, textures)
-                        out[i, j, channel] += radiance / count
+            _mean_radiance(x[i, j], y[i, j], a, b, scene, rays, (0, 3), mean)
+            out[i, j, :] = mean

@@ -72,6 +72,23 @@ def natural_texture(rng: np.random.Generator, size: int, palette: FloatArray, *,
     return Texture(np.ascontiguousarray(np.moveaxis(np.clip(values, 0.004, 1.0), -1, 0)), SCALE)
 
 
+def smooth_texture(rng: np.random.Generator, size: int, palette: FloatArray, *, grain: float) -> Texture:
+    """A plain painted surface: two colours that pass into each other over the whole texture, and a faint grain.
+
+    Parameters
+    ----------
+    rng, size, palette
+        As for `natural_texture`.
+    grain
+        Relative standard deviation of the grain, of 1/f amplitude.
+    """
+    first, second = palette[rng.choice(len(palette), 2, replace=False)]
+    share = 0.5 + 0.15 * _noise(rng, size, 2.5)[..., None]
+    values = (first + np.clip(share, 0, 1) * 0.5 * (second - first)) * np.exp(grain * _noise(rng, size, 1.0))[..., None]
+    values = _band_limited(values.astype(np.float32))
+    return Texture(np.ascontiguousarray(np.moveaxis(np.clip(values, 0.004, 1.0), -1, 0)), SCALE)
+
+
 def _frequencies(size: int) -> FloatArray:
     """Spatial frequency of a real transform's coefficients, cycles a texel."""
     return np.asarray(np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,8 +74,8 @@ def test_the_command_prints_json_and_refuses_nonsense(
 ) -> None:
     from lfflow.simulate import collection
 
-    def small(out: Path, captures: int, seed: int, camera: str, *, zooms: int) -> list[Path]:
-        return simulate_collection(out, captures, seed, camera, zooms=zooms, **SIZE)
+    def small(out: Path, captures: int, seed: int, camera: str, **options: Any) -> list[Path]:
+        return simulate_collection(out, captures, seed, camera, **options, **SIZE)
 
     monkeypatch.setattr(collection, "simulate_collection", small)
     assert app(["simulate", str(tmp_path), "--captures", "0", "--json"]) == 0
