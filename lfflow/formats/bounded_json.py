@@ -45,7 +45,7 @@ def parse_json(data: bytes, path: str, where: str) -> Document:
     """
     check_json_size(len(data), path, where)
     try:
-        text = data.rstrip(b"\0").decode("utf-8-sig")
+        text = data.rstrip(b"\0 \t\r\n").decode("utf-8-sig")
         value = json.loads(text, parse_constant=_refuse_constant)
     except RecursionError as error:
         raise LimitError(path, where, "JSON nested too deep", f"at most {MAX_JSON_DEPTH} levels") from error

@@ -14,7 +14,7 @@ import os
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any, Literal
@@ -52,12 +52,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Container:
-    """An opened container: the headers of all sections, and the table of contents."""
+    """An opened container: the headers of all sections, and the table of contents.
+
+    Where damage is accepted, `damaged` says behind which place the sections cannot be told.
+    """
 
     path: str
     sections: tuple[Section, ...]
     toc: Document
     accept_damaged: bool = False
+    damaged: tuple[str, ...] = ()
 
     def chunk(self, reference: object, where: str) -> Region:
         """Bytes of the chunk that `reference` ("sha1-…") of the table of contents names.
@@ -104,7 +108,7 @@ def open_container(path: str | os.PathLike[str], *, accept_damaged: bool = False
     path
         An LFP container of any kind.
     accept_damaged
-        Parse JSON also where its SHA-1 is wrong.
+        Parse JSON also where its SHA-1 is wrong, and take the sections before a cut or before garbage for all.
 
     Raises
     ------
@@ -112,14 +116,21 @@ def open_container(path: str | os.PathLike[str], *, accept_damaged: bool = False
         The subclass says how the file is broken.
     """
     name = os.fspath(path)
+    sections: list[Section] = []
+    damaged: tuple[str, ...] = ()
     with open_binary(name) as file:
-        sections = tuple(_sections(file, name))
+        try:
+            for section in _sections(file, name):
+                sections.append(section)  # noqa: PERF402 - what came before an error is kept
+        except (TruncatedError, StructureError) as error:
+            if not (accept_damaged and sections):
+                raise
+            damaged = (f"{error.where}: {error.found}",)
     tocs = [section.region for section in sections if section.kind == "toc"]
     if len(tocs) != 1:
         raise StructureError(name, "sections", f"{len(tocs)} tables of contents (LFM)", "one")
-    without = Container(name, sections, EMPTY, accept_damaged)
-    toc = without.read_json(tocs[0], "table of contents")
-    return Container(name, sections, toc, accept_damaged)
+    without = Container(name, tuple(sections), EMPTY, accept_damaged, damaged)
+    return replace(without, toc=without.read_json(tocs[0], "table of contents"))
 
 
 def is_container(head: bytes) -> bool:

@@ -83,7 +83,8 @@ class FrameArray(BackendArray):
         begin, length, skipped = window(self.layout, first, last)
         data = self.region.read_part(begin, length)
         count = (last - first) * width
-        return unpack(data, self.layout.packing, skipped + count)[skipped:].reshape(last - first, width)
+        samples = unpack(data, self.layout.packing, skipped + count)[skipped:].reshape(last - first, width)
+        return samples >> np.uint16(self.layout.shift) if self.layout.shift else samples
 
     def _window(self, key: tuple[int | slice, int | slice]) -> npt.NDArray[np.uint16]:
         row, column = key

@@ -45,11 +45,15 @@ PACKINGS: dict[tuple[int, str], Packing] = {
 
 @dataclass(frozen=True, slots=True)
 class FrameLayout:
-    """Size and packing of a sensor frame: row-major, top-left first, no padding between rows."""
+    """Size and packing of a sensor frame: row-major, top-left first, no padding between rows.
+
+    Each sample is shifted right by `shift` bits after it was unpacked (``pixelFormat.rightShift``).
+    """
 
     height: int
     width: int
     packing: Packing
+    shift: int = 0
 
     @property
     def size(self) -> int:

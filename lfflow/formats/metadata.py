@@ -2,6 +2,10 @@
 
 Both generations are read: F01 (``image.rawDetails``) and Illum (``image.pixelPacking``, ``pixelFormat`` and ``ccm``).
 An optional value that is missing or of the wrong type is NaN, NaT or ""; the JSON itself is kept verbatim.
+
+``pixelFormat.rightShift`` is 0 in every file seen. As its name says, samples are shifted right by it after unpacking
+(16-bit copies hold the 12 bits of an F01 shifted left by 4, METHOD B.2); black and white are levels of shifted samples,
+and levels that do not fit into the bits that are left are refused.
 """
 
 from __future__ import annotations
@@ -80,11 +84,13 @@ def frame_metadata(metadata: Json, private: Json, tags: Json, path: str) -> Fram
     """
     image = at(metadata, "image")
     details = at(image, "rawDetails") or image
-    layout = FrameLayout(_size(image, "height", path), _size(image, "width", path), _packing(details, path))
+    packing = _packing(details, path)
+    shift = _shift(details, packing.bits, path)
+    layout = FrameLayout(_size(image, "height", path), _size(image, "width", path), packing, shift)
     if layout.height * layout.width > MAX_SAMPLES:
         found = f"{layout.width} × {layout.height} pixels"
         raise LimitError(path, "image size", found, f"at most {MAX_SAMPLES} pixels")
-    black, white = _levels(details, layout.packing.bits, path)
+    black, white = _levels(details, packing.bits - shift, path)
     model = _text(metadata, "camera", "model")
     gains = [finite_number(at(image, "color", "whiteBalanceGain", site)) for site in SITES]
     kind = "dark" if at(tags, "darkFrame") is True else "white" if at(tags, "modulationFrame") is True else "scene"
@@ -120,14 +126,20 @@ def _packing(details: Any, path: str) -> Packing:
     bits, order = at(details, "pixelPacking", "bitsPerPixel"), at(details, "pixelPacking", "endianness")
     if bits is None or order is None:
         raise MetadataError(path, "pixelPacking", _shown(at(details, "pixelPacking")), "bitsPerPixel and endianness")
-    shift = at(details, "pixelFormat", "rightShift")
-    if shift not in (None, 0):
-        raise UnsupportedError(path, "pixelFormat.rightShift", _shown(shift), "0")
     packing = PACKINGS.get((bits, order)) if _is_int(bits) and isinstance(order, str) else None
     if packing is None:
         known = ", ".join(f"{known_bits} {known_order}" for known_bits, known_order in PACKINGS)
         raise UnsupportedError(path, "pixelPacking", f"{_shown(bits)} bits {_shown(order)}", f"one of {known}")
     return packing
+
+
+def _shift(details: Any, bits: int, path: str) -> int:
+    shift = at(details, "pixelFormat", "rightShift")
+    if shift is None:
+        return 0
+    if not _is_int(shift) or not 0 <= shift < bits:
+        raise MetadataError(path, "pixelFormat.rightShift", _shown(shift), f"a number of bits, 0 … {bits - 1}")
+    return int(shift)
 
 
 def _levels(details: Any, bits: int, path: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

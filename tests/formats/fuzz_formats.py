@@ -32,8 +32,7 @@ from lfflow.formats.describe import describe
 from lfflow.formats.eslf import open_eslf
 from lfflow.formats.frame import Frame, FrameArray
 from lfflow.formats.layout import PACKINGS
-from lfflow.formats.lfp import raw_frame
-from lfflow.formats.lfr import read_hot_pixels
+from lfflow.formats.lfp import raw_frame, read_hot_pixels
 from lfflow.formats.opening import container_kind, open_picture
 from lfflow.formats.packing import pack
 from lfflow.formats.pfm import read_pfm

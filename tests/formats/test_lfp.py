@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 from lfflow.formats import region as region_module
 from lfflow.formats.container import open_container, write_container
 from lfflow.formats.errors import ChecksumError, FileFormatError, StructureError, UnknownFormatError
-from lfflow.formats.lfp import open_lfp, raw_frame, write_lfp
-from lfflow.formats.lfr import read_hot_pixels, write_lfr
+from lfflow.formats.lfp import open_lfp, raw_frame, read_hot_pixels, write_lfp
 from lfflow.formats.opening import verify
 from lfflow.schema import RAW
 
@@ -54,7 +53,7 @@ def test_what_is_written_is_read(tmp_path_factory, camera, bits, corner, height,
     raw = np.random.default_rng(seed).integers(0, 1 << bits, (height, width)).astype(np.uint16)
     metadata = metadata_of(camera, height, width, bits, corner)
     path = tmp_path_factory.mktemp("p") / ("a.lfp" if camera == "f01" else "a.lfr")
-    (write_lfp if camera == "f01" else write_lfr)(path, raw, metadata, PRIVATE)
+    write_lfp(path, raw, metadata, PRIVATE)
     ds = xr.open_dataset(path, engine="lfp")
     RAW.check(ds)
     assert np.array_equal(ds["raw"].values, raw)
@@ -248,7 +247,7 @@ def test_illum_embeds_a_white_image_and_hot_pixels(tmp_path) -> None:
     raw, white = rng.integers(64, 1024, (2, 8, 10)).astype(np.uint16)
     path = tmp_path / "IMG.lfr"
     for embed in (False, True):
-        write_lfr(path, raw, metadata_of("illum", 8, 10), PRIVATE, modulation=white, hot_pixels=([3, 4], [5, 7]), embed_metadata=embed)  # fmt: skip  # noqa: E501
+        write_lfp(path, raw, metadata_of("illum", 8, 10), PRIVATE, modulation=white, hot_pixels=([3, 4], [5, 7]), embed_metadata=embed)  # fmt: skip  # noqa: E501
         ds = xr.open_dataset(path, engine="lfp")
         assert str(ds["camera_model"].values) == "B01"
         assert float(ds["iso"]) == 122
