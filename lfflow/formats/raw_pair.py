@@ -24,7 +24,12 @@ _DOCUMENTS = (".TXT", ".txt", ".json", ".JSON")
 
 def is_pair(path: str | os.PathLike[str]) -> bool:
     """Whether a path is either half of a RAW + TXT pair that is there."""
-    return _halves(Path(path)) is not None
+    return pair_of(path) is not None
+
+
+def pair_of(path: str | os.PathLike[str]) -> tuple[Path, Path] | None:
+    """The .RAW and its text, given by either half; None when it is no pair."""
+    return _halves(Path(path))
 
 
 def open_pair(path: str | os.PathLike[str]) -> Frame:
@@ -35,7 +40,7 @@ def open_pair(path: str | os.PathLike[str]) -> Frame:
     FileFormatError
         If a half is missing, or they contradict each other.
     """
-    halves = _halves(Path(path))
+    halves = pair_of(path)
     if halves is None:
         raise StructureError(os.fspath(path), "pair", "one half only", "a .RAW and its .TXT or .json beside it")
     raw, document = (os.path.abspath(half) for half in halves)  # noqa: PTH100
