@@ -27,7 +27,8 @@ import xarray as xr
 
 from lfflow.formats.bounded_json import at
 from lfflow.formats.container import Container, chunk_id, is_container, open_container, write_container
-from lfflow.formats.errors import FileFormatError, LimitError, StructureError, UnknownFormatError
+from lfflow.formats.errors import FileFormatError, LimitError, StructureError
+from lfflow.formats.foreign import foreign
 from lfflow.formats.frame import Frame
 from lfflow.formats.lfp import damage
 from lfflow.formats.raw_pair import paired_frame
@@ -128,7 +129,7 @@ def archive_members(path: str | os.PathLike[str]) -> list[Member]:
         return storage_members(open_container(name))
     if is_tar(head):
         return [Member(member.name, member.region) for member in tar_members(name)]
-    raise UnknownFormatError(name, "header", f"bytes {head[:8].hex(' ')}", "a storage container or a tar")
+    raise foreign(name, head, "a storage container or a tar")
 
 
 def storage_members(container: Container) -> list[Member]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, ClassVar
 
 import xarray as xr
 from xarray.backends import BackendEntrypoint
 
 from lfflow.formats.container import is_container
-from lfflow.formats.errors import UnknownFormatError
+from lfflow.formats.errors import UnknownFormatError, UnreadableError
 from lfflow.formats.eslf import open_eslf
 from lfflow.formats.lfp import Image
 from lfflow.formats.opening import is_address, open_picture
 from lfflow.formats.png import SIGNATURE
 from lfflow.formats.raw_pair import is_pair
+from lfflow.formats.region import open_binary
 from lfflow.formats.toolbox import is_toolbox, open_toolbox
 from lfflow.formats.views import is_view_folder, open_views
 
@@ -117,9 +117,9 @@ def head_of(filename_or_obj: Any) -> bytes:
     if not isinstance(filename_or_obj, str | os.PathLike):
         return b""
     try:
-        with Path(filename_or_obj).open("rb") as file:
+        with open_binary(os.fspath(filename_or_obj)) as file:
             return file.read(_HEAD_BYTES)
-    except (OSError, ValueError):
+    except UnreadableError:
         return b""
 
 

@@ -24,9 +24,9 @@ from lfflow.formats.errors import (
     LimitError,
     StructureError,
     TruncatedError,
-    UnknownFormatError,
     UnsupportedError,
 )
+from lfflow.formats.foreign import foreign
 from lfflow.formats.region import Region, open_binary
 from lfflow.formats.writing import written_whole
 
@@ -167,8 +167,7 @@ def _sections(file: IO[bytes], path: str) -> Iterator[Section]:
     size = os.fstat(file.fileno()).st_size
     head = file.read(_HEAD.size)
     if not is_container(head):
-        found = "an empty file" if not head else f"bytes {head[:8].hex(' ')}"
-        raise UnknownFormatError(path, "header", found, f"an LFP container ({MAGIC.hex(' ')})")
+        raise foreign(path, head, f"an LFP container ({MAGIC.hex(' ')})")
     if len(head) < _HEAD.size:
         raise TruncatedError(path, "header", f"{len(head)} bytes", f"{_HEAD.size} bytes")
     _, version, length = _HEAD.unpack(head)

@@ -11,7 +11,8 @@ import xarray as xr
 from lfflow.formats.archives import SEPARATOR, archive_frame, is_storage
 from lfflow.formats.bounded_json import at
 from lfflow.formats.container import Container, is_container, open_container
-from lfflow.formats.errors import UnknownFormatError, UnsupportedError
+from lfflow.formats.errors import UnsupportedError
+from lfflow.formats.foreign import foreign
 from lfflow.formats.frame import Frame
 from lfflow.formats.lfp import FRAMES, IMAGES, Image, raw_frame
 from lfflow.formats.raw_pair import is_pair, open_pair
@@ -60,8 +61,7 @@ def open_frame(path: str | os.PathLike[str], *, image: Image = "raw", accept_dam
         return open_pair(name)
     head = _head(name)
     if not is_container(head):
-        found = f"bytes {head[:8].hex(' ')}" if head else "an empty file"
-        raise UnknownFormatError(name, "header", found, "an LFP container, or a .RAW with its .TXT")
+        raise foreign(name, head, "an LFP container, or a .RAW with its .TXT")
     container = open_container(os.path.abspath(name), accept_damaged=accept_damaged)  # noqa: PTH100
     if container_kind(container) == "storage":
         raise UnsupportedError(name, "table of contents", "an archive of many images", f"{name}{SEPARATOR}MOD_NNNN.RAW")

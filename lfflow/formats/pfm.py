@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.formats.errors import LimitError, MetadataError, StructureError, UnknownFormatError
+from lfflow.formats.errors import LimitError, MetadataError, StructureError
+from lfflow.formats.foreign import foreign
 from lfflow.formats.layout import MAX_SAMPLES
 from lfflow.formats.region import open_binary
 from lfflow.formats.writing import written_whole
@@ -36,7 +37,9 @@ def read_pfm(path: str | os.PathLike[str]) -> npt.NDArray[np.float32]:
         head = file.read(_MAX_HEADER)
         match = _HEADER.match(head)
         if match is None:
-            raise UnknownFormatError(name, "header", repr(head[:24]), "PF or Pf, width, height, scale")
+            if head[:2] in (b"PF", b"Pf"):
+                raise StructureError(name, "header", repr(head[:24]), "PF or Pf, width, height, scale")
+            raise foreign(name, head, "a float map: PF or Pf, width, height, scale")
         kind, width, height, scale = match[1], int(match[2]), int(match[3]), _scale(match[4], name)
         channels = 3 if kind == b"PF" else 1
         if not 0 < width * height <= MAX_SAMPLES:

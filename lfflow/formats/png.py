@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +18,18 @@ from lfflow.formats.errors import (
     LimitError,
     StructureError,
     TruncatedError,
-    UnknownFormatError,
     UnsupportedError,
 )
+from lfflow.formats.foreign import foreign
 from lfflow.formats.layout import MAX_SAMPLES
 from lfflow.formats.region import open_binary
 from lfflow.formats.writing import written_whole
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_END = b"\0\0\0\0IEND\xaeB`\x82"
+_HEADER_BYTES = 33
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_MAX_EXTRA = 64 << 20
+_MAX_CHUNKS = 1 << 17
 _HEAD = struct.Struct(">4s4sIIBBBBB")
 
 Picture = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -50,7 +54,7 @@ def png_header(path: str | os.PathLike[str]) -> PngHeader:
     """
     name = os.fspath(path)
     with open_binary(name) as file:
-        return _header(file.read(33), name)
+        return _header(file.read(_HEADER_BYTES), name)
 
 
 def read_png(path: str | os.PathLike[str]) -> Picture:
@@ -65,10 +69,12 @@ def read_png(path: str | os.PathLike[str]) -> Picture:
 
     name = os.fspath(path)
     with open_binary(name) as file:
+        header = _header(file.read(_HEADER_BYTES), name)
+        _check_size(os.fstat(file.fileno()).st_size, header, name)
+        for _ in _chunks(file, name):
+            pass
+        file.seek(0)
         data = file.read()
-    header = _header(data, name)
-    for _ in _chunks(data, name):
-        pass
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if picture is None or picture.shape != (header.height, header.width, 3):
         raise StructureError(name, "picture data", "what cannot be decoded", "a PNG picture")
@@ -77,12 +83,18 @@ def read_png(path: str | os.PathLike[str]) -> Picture:
 
 
 def png_text(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Texts (tEXt chunks) of a PNG by keyword; parameters and errors as in `read_png`."""
+    """Texts (tEXt chunks) before the picture data of a PNG, by keyword; no picture data are read.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no PNG, cut, or its texts differ from their checksums.
+    """
     name = os.fspath(path)
     with open_binary(name) as file:
-        data = file.read()
-    _header(data, name)
-    texts = [body.partition(b"\0") for kind, body in _chunks(data, name) if kind == b"tEXt"]
+        _header(file.read(_HEADER_BYTES), name)
+        ahead = itertools.takewhile(lambda chunk: chunk[0] != b"IDAT", _chunks(file, name, only=b"tEXt"))
+        texts = [body.partition(b"\0") for kind, body in ahead if kind == b"tEXt"]
     return {key.decode("latin-1"): value.decode("latin-1") for key, _, value in texts}
 
 
@@ -105,20 +117,19 @@ def write_png(path: str | os.PathLike[str], picture: Picture, text: Mapping[str,
     if not done:
         raise ValueError(f"samples of shape {picture.shape} cannot be encoded")
     data = encoded.tobytes()
-    body = data[: -len(_END)]
     with written_whole(Path(path)) as file:
-        file.write(body)
+        file.write(data[:_HEADER_BYTES])
         for key, value in (text or {}).items():
             chunk = b"tEXt" + key.encode("latin-1") + b"\0" + value.encode("latin-1")
             file.write(struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)))
-        file.write(_END)
+        file.write(data[_HEADER_BYTES:])
 
 
 def _header(data: bytes, path: str) -> PngHeader:
     if data[:8] != SIGNATURE:
-        raise UnknownFormatError(path, "header", f"bytes {data[:8].hex(' ')}" if data else "an empty file", "a PNG")
-    if len(data) < 33:
-        raise TruncatedError(path, "header", f"{len(data)} bytes", "33 bytes")
+        raise foreign(path, data, "a PNG")
+    if len(data) < _HEADER_BYTES:
+        raise TruncatedError(path, "header", f"{len(data)} bytes", f"{_HEADER_BYTES} bytes")
     _, kind, width, height, bits, color_type, _, _, _ = _HEAD.unpack(data[8:29])
     if kind != b"IHDR":
         raise StructureError(path, "header", f"chunk {kind!r}", "chunk IHDR")
@@ -129,18 +140,36 @@ def _header(data: bytes, path: str) -> PngHeader:
     return PngHeader(height, width, bits, color_type)
 
 
-def _chunks(data: bytes, path: str) -> Iterator[tuple[bytes, bytes]]:
+def _check_size(size: int, header: PngHeader, path: str) -> None:
+    """Refuse what no picture of that size needs, and what deflate cannot have packed (about 1030 to 1)."""
+    channels = _CHANNELS.get(header.color_type, 4)
+    unpacked = header.height * (1 + -(-header.width * header.bits * channels // 8))
+    if size > 2 * unpacked + _MAX_EXTRA:
+        raise LimitError(path, "file", f"{size} bytes", f"at most {2 * unpacked + _MAX_EXTRA} for its size")
+    if unpacked > 1100 * size:
+        raise LimitError(path, "size", f"{header.width} × {header.height} from {size} bytes", "what deflate can pack")
+
+
+def _chunks(file: BinaryIO, path: str, *, only: bytes | None = None) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and body of every chunk, checked; with `only`, other kinds are passed over with an empty body."""
+    size = os.fstat(file.fileno()).st_size
     at = len(SIGNATURE)
-    while at < len(data):
-        length = int.from_bytes(data[at : at + 4], "big")
-        kind, end = data[at + 4 : at + 8], at + 12 + length
+    for _ in range(_MAX_CHUNKS):
+        if at == size:
+            raise TruncatedError(path, "end", "no IEND chunk", "a whole PNG")
+        file.seek(at)
+        head = file.read(8)
+        length, kind, end = int.from_bytes(head[:4], "big"), head[4:], at + 12 + int.from_bytes(head[:4], "big")
         where = f"chunk {kind!r} at byte {at}"
-        if end > len(data):
-            raise TruncatedError(path, where, f"{max(0, len(data) - at)} bytes", f"{12 + length} bytes")
-        if zlib.crc32(data[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
-            raise ChecksumError(path, where, "a wrong CRC-32", "the CRC-32 of the chunk")
+        if end > size:
+            raise TruncatedError(path, where, f"{size - at} bytes", f"{12 + length} bytes")
+        body = b""
+        if only in (None, kind):
+            body, crc = file.read(length), file.read(4)
+            if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(crc, "big"):
+                raise ChecksumError(path, where, "a wrong CRC-32", "the CRC-32 of the chunk")
         if kind == b"IEND":
             return
-        yield kind, data[at + 8 : end - 4]
+        yield kind, body
         at = end
-    raise TruncatedError(path, "end", "no IEND chunk", "a whole PNG")
+    raise LimitError(path, "chunks", f"more than {_MAX_CHUNKS}", "a picture")

@@ -24,6 +24,7 @@ from lfflow.formats.layout import MAX_SAMPLES
 from lfflow.formats.region import Region
 
 MAX_LAYERS = 256
+_MAX_PIXELS_PER_BYTE = 1100
 _PLACES = (("picture", "accelerationArray"), ("views", 0, "accelerations"))
 _LAMBDA = {"long_name": "refocus parameter lambda", "units": "1"}
 
@@ -170,6 +171,9 @@ class JpegStack(BackendArray):
 
         region, (_, height, width, _) = self.regions[number], self.shape
         data = region.read()
+        if height * width > _MAX_PIXELS_PER_BYTE * len(data):
+            found = f"{width} × {height} pixels from {len(data)} bytes"
+            raise LimitError(region.path, region.name, found, "what JPEG can pack")
         size = jpeg_size(data)
         if size != (height, width):
             raise StructureError(region.path, region.name, f"a JPEG of (height, width) {size}", f"{(height, width)}")

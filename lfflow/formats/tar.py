@@ -1,6 +1,8 @@
 """The files of an uncompressed tar as regions: headers only, forward only, nothing extracted, every count bounded.
 
 Links, devices and folders are passed over, so is what a name may try (``..``, absolute paths): names are labels here.
+A compressed tar has no places to read from: one image would mean to inflate all that comes before it, for each window
+of each image, and a bomb could only be told by inflating it. It is refused with the command that unpacks it.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 ``LF(j, i, l, k, c)`` has the view's row and column first, then the lens row and column, then R, G, B and, as a fourth
 channel, a weight; integers are scaled by their maximum. LFToolbox saves with ``-v6``: uncompressed, column-major, so
 that it is mapped here and read as asked for. A compressed array (``-v7``) is inflated as a whole, never beyond the size
-that its header declares; ``-v7.3`` is HDF5 and refused.
+that its header declares, and must fit its checksum; ``-v6`` carries none. ``-v7.3`` is HDF5: refused with the command
+that converts it, because a file from a stranger is better kept away from a large parser in C than read from everywhere.
 """
 
 from __future__ import annotations
@@ -24,13 +25,14 @@ from xarray.core import indexing
 
 from lfflow.conventions import CHANNELS
 from lfflow.formats.errors import (
+    ChecksumError,
     LimitError,
     MetadataError,
     StructureError,
     TruncatedError,
-    UnknownFormatError,
     UnsupportedError,
 )
+from lfflow.formats.foreign import foreign
 from lfflow.formats.region import open_binary
 from lfflow.formats.views import as_integers
 from lfflow.formats.writing import written_whole
@@ -44,6 +46,7 @@ _MAX_ELEMENTS = 1 << 33
 _MAX_VARIABLES = 256
 _HEAD_BYTES = 1024
 _DIMS = 5
+_MAX_REST = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +155,7 @@ def _find(path: str) -> tuple[_Matrix, int, int]:
         size = os.fstat(file.fileno()).st_size
         head = file.read(_HEADER_BYTES)
         if not is_toolbox(head):
-            found = "HDF5 (-v7.3)" if b"MATLAB 7.3" in head else repr(head[:16])
-            raise UnknownFormatError(path, "header", found, "a MATLAB file of version 5 to 7.2")
+            raise foreign(path, head, "a MATLAB file of version 5 to 7.2")
         if head[126:128] != b"IM":
             raise UnsupportedError(path, "header", "big-endian", "a little-endian MATLAB file")
         offset = _HEADER_BYTES
@@ -245,10 +247,16 @@ def _inflated_size(matrix: _Matrix) -> int:
 
 
 def _inflate(data: bytes, size: int, path: str) -> bytes:
+    """The first `size` bytes; the rest of the element is inflated as far as its checksum, if it is padding."""
+    stream = zlib.decompressobj()
     try:
-        whole = zlib.decompressobj().decompress(data, size)
+        whole = stream.decompress(data, size)
+        rest = stream.decompress(stream.unconsumed_tail, _MAX_REST) if not stream.eof else b""
     except zlib.error as error:
-        raise StructureError(path, "LF", str(error), "zlib data") from error
+        raise ChecksumError(path, "LF", str(error), "zlib data that fit their checksum") from error
     if len(whole) < size:
         raise TruncatedError(path, "LF", f"{len(whole)} bytes after inflation", f"{size} bytes")
+    if not stream.eof:
+        found = f"{len(rest)} bytes and more behind the values"
+        raise StructureError(path, "LF", found, "the end of the element, with its checksum")
     return whole

@@ -21,7 +21,6 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from lfflow.conventions import CHANNELS
-from lfflow.formats.bounded_json import MAX_JSON_BYTES
 from lfflow.formats.errors import LimitError, MetadataError, StructureError, UnknownFormatError, UnreadableError
 from lfflow.formats.png import Picture, png_header, read_png, write_png
 from lfflow.formats.region import open_binary
@@ -32,6 +31,7 @@ MAX_VIEWS = 4096
 _HCI_GRID = 9
 _NAME = re.compile(r"input_Cam(\d{3,4})\.png", re.IGNORECASE)
 _PARAMETERS = "parameters.cfg"
+_MAX_PARAMETERS = 1 << 15  # configparser takes quadratic time over lines that it does not understand
 _CAMERA_NUMBERS = (
     ("focal_length_mm", "focal length of the main lens", "mm"),
     ("sensor_size_mm", "size of the sensor's longer side", "mm"),
@@ -237,9 +237,9 @@ def _parameters(folder: str) -> tuple[str, dict[str, float]]:
     if not Path(path).is_file():
         return "", {}
     with open_binary(path) as file:
-        data = file.read(MAX_JSON_BYTES + 1)
-    if len(data) > MAX_JSON_BYTES:
-        raise LimitError(path, "file", f"more than {MAX_JSON_BYTES} bytes", "a few lines")
+        data = file.read(_MAX_PARAMETERS + 1)
+    if len(data) > _MAX_PARAMETERS:
+        raise LimitError(path, "file", f"more than {_MAX_PARAMETERS} bytes", "a few lines")
     text = data.decode("utf-8", "replace")
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
