@@ -24,7 +24,7 @@ from lfflow.formats.layout import MAX_SAMPLES, PACKINGS, FrameLayout, Packing
 
 _TILE = "r,gr:gb,b"
 _PATTERNS = {"r": "RGGB", "gr": "GRBG", "gb": "GBRG", "b": "BGGR"}
-_MODELS = {"ILLUM": "B01"}
+MODELS = {"ILLUM": "B01"}
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)[:_](\d\d)[:_](\d\d(?:\.\d{1,9})?)Z?")
 _YEARS = ("1678", "2261")
 _NUMBERS: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -102,7 +102,7 @@ def frame_metadata(metadata: Json, private: Json, tags: Json, path: str) -> Fram
         "black_level": (("site",), black),
         "white_level": (("site",), white),
         "orientation": ((), np.int64(orientation if orientation in range(1, 9) else 1)),
-        "camera_model": ((), _MODELS.get(model, model)),
+        "camera_model": ((), MODELS.get(model, model)),
         "camera_serial": ((), _text(private, "camera", "serialNumber") or _text(metadata, "camera", "serialNumber")),
         "time": ((), _time(at(metadata, "devices", "clock", "zuluTime"))),
         "channel": (("channel",), list(CHANNELS)),

@@ -14,7 +14,7 @@ from lfflow.formats.bounded_json import EMPTY, Document, at, check_json_size, pa
 from lfflow.formats.errors import StructureError, UnreadableError
 from lfflow.formats.frame import Frame
 from lfflow.formats.lfp import frame_region, packed_frame, tags_of
-from lfflow.formats.metadata import frame_metadata
+from lfflow.formats.metadata import FrameMetadata, frame_metadata
 from lfflow.formats.region import Region
 from lfflow.formats.writing import written_whole
 
@@ -52,7 +52,23 @@ def paired_frame(capture: str, image: Region, text: Region, damaged: tuple[str, 
 
     The JSON is the camera's own (``master.picture.frameArray[0].frame``), or just the frame's metadata.
     """
-    where = f"metadata of {image.name}"
+    parsed, documents = _parsed(text, f"metadata of {image.name}")
+    region = frame_region(image, image.name, parsed.layout.size)
+    return Frame(capture, region, parsed, documents, damaged)
+
+
+def document_metadata(path: str | os.PathLike[str]) -> FrameMetadata:
+    """What the JSON of a frame says, where the frame itself is not there.
+
+    Raises
+    ------
+    FileFormatError
+        If it is no JSON, or not of a frame.
+    """
+    return _parsed(_whole(os.path.abspath(path), "metadata"), "metadata")[0]  # noqa: PTH100
+
+
+def _parsed(text: Region, where: str) -> tuple[FrameMetadata, dict[str, Document]]:
     check_json_size(text.length, text.path, where)
     whole = parse_json(text.read(), text.path, where)
     master = at(whole.value, "master") or whole.value
@@ -60,10 +76,7 @@ def paired_frame(capture: str, image: Region, text: Region, damaged: tuple[str, 
     metadata = Document.of(at(entry, "metadata")) if entry is not None else whole
     private = Document.of(at(entry, "privateMetadata")) if entry is not None else EMPTY
     parsed = frame_metadata(metadata.value, private.value, tags_of(master), text.path)
-    region = frame_region(image, image.name, parsed.layout.size)
-    return Frame(
-        capture, region, parsed, {"metadata": metadata, "private_metadata": private, "document": whole}, damaged
-    )
+    return parsed, {"metadata": metadata, "private_metadata": private, "document": whole}
 
 
 def write_pair(

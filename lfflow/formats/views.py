@@ -73,7 +73,7 @@ def open_views(path: str | os.PathLike[str]) -> xr.Dataset:
         If the folder has no views, they differ in size, or a file is broken.
     """
     folder = os.path.abspath(path)  # noqa: PTH100
-    files = _files(folder)
+    files = view_files(folder)
     text, numbers = _parameters(folder)
     side = _grid(folder, files, numbers)
     headers = {name: png_header(os.path.join(folder, name)) for name in files.values()}  # noqa: PTH118
@@ -194,7 +194,14 @@ class ViewsArray(BackendArray):
         return picture
 
 
-def _files(folder: str) -> dict[int, str]:
+def view_files(folder: str) -> dict[int, str]:
+    """Names of the view images in a folder by their number.
+
+    Raises
+    ------
+    FileFormatError
+        If there are none, or two of one number, or one beyond all grids.
+    """
     files: dict[int, str] = {}
     for name in _names(folder):
         match = _NAME.fullmatch(name)

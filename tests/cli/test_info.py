@@ -60,7 +60,7 @@ def test_a_flipped_bit(info, shared_data, tmp_path) -> None:
     code, out, err = info(path)
     assert code == 1
     assert "wrong" in out
-    assert "section at byte 1392: wrong SHA-1" in err
+    assert "section at byte 1392 (depthMap.imageRef): wrong SHA-1" in err
     assert info(path, "--accept-damaged")[0] == 0
 
 
@@ -78,7 +78,7 @@ def test_a_folder_is_a_table(info, shared_data) -> None:
         "behnam_IMG_0001-stk.lfp", "behnam_IMG_0002-dm.lfp", "bkerley_illum_demo.LFP",
     ]  # fmt: skip
     rows = json.loads(info(containers(shared_data), "--json")[1])
-    assert [row["kind"] for row in rows] == ["derived picture"] * 3 + ["broken"] + ["unknown"] * 2
+    assert [row["kind"] for row in rows] == ["derived picture"] * 3 + ["broken"] + ["metadata without its picture"] * 2
 
 
 def test_other_kinds(info, tmp_path) -> None:
