@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+from collections.abc import Iterable
 from typing import Any
 
 import pandas as pd
@@ -15,29 +16,40 @@ from lfflow.errors import CollectionError
 FILE = "catalogue.parquet"
 _SEAL = "catalogue.sha256.json"
 
-TEXT = ("id", "path", "sha256", "kind", "camera_model", "camera_serial", "group", "white", "duplicate_of", "reason",
-        "told_kind")  # fmt: skip
+Row = dict[str, Any]
+
+TEXT = ("id", "path", "sha256", "kind", "judged_by", "camera_model", "camera_serial", "group", "white",
+        "duplicate_of", "reason", "told_kind")  # fmt: skip
 WHOLE = ("size", "mtime_ns", "height", "width")
 NUMBERS = ("iso", "exposure_time", "f_number", "focal_length", "zoom_step", "focus_step", "infinity_lambda",
            "temperature", "pixel_pitch", "lens_pitch", "white_distance")  # fmt: skip
-COLUMNS = (*TEXT, *WHOLE, "time", *NUMBERS)
+FLAGS = ("missing",)
+COLUMNS = (*TEXT, *WHOLE, *FLAGS, "time", *NUMBERS)
 
 
 class DamagedCatalogueError(CollectionError):
     """The catalogue does not match its checksum."""
 
 
-def frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """Catalogue with its columns and dtypes from rows; what a row lacks is "" or NaN."""
-    table = pd.DataFrame(rows, columns=list(COLUMNS))
+def frame(rows: Iterable[Row] | pd.DataFrame) -> pd.DataFrame:
+    """Catalogue with its columns and dtypes, sorted by id; what a row lacks is "", 0, False, NaN or NaT."""
+    known = rows.reindex(columns=list(COLUMNS)) if isinstance(rows, pd.DataFrame) else None
+    table = pd.DataFrame(list(rows), columns=list(COLUMNS)) if known is None else known
     for name in TEXT:
         table[name] = table[name].astype("object").where(table[name].notna(), "").astype("str")
     for name in WHOLE:
-        table[name] = pd.to_numeric(table[name]).fillna(0).astype("int64")
+        table[name] = pd.to_numeric(table[name].astype("object").fillna(0)).astype("int64")
+    for name in FLAGS:
+        table[name] = pd.to_numeric(table[name].astype("object").fillna(0)).astype("bool")
     for name in NUMBERS:
         table[name] = pd.to_numeric(table[name]).astype("float64")
     table["time"] = pd.to_datetime(table["time"]).astype("datetime64[ns]")
     return table.sort_values("id", kind="stable", ignore_index=True)
+
+
+def rows_of(table: pd.DataFrame) -> list[Row]:
+    """Rows of a catalogue as `frame` takes them."""
+    return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
 
 
 def load(storage: Storage) -> pd.DataFrame:
@@ -48,7 +60,7 @@ def load(storage: Storage) -> pd.DataFrame:
         return frame([])
     if hashlib.sha256(data).hexdigest() not in _sealed(storage):
         raise DamagedCatalogueError(f"{FILE} of {storage.url} does not match its checksum")
-    return pd.read_parquet(io.BytesIO(data))
+    return frame(pd.read_parquet(io.BytesIO(data)))
 
 
 def save(storage: Storage, table: pd.DataFrame) -> None:

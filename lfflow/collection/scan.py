@@ -1,134 +1,155 @@
-"""From files on the disk to rows of the catalogue: incremental, and never stopped by a broken file."""
+"""From pictures on the disk to rows of the catalogue: incremental, and never stopped by a broken file."""
 
 from __future__ import annotations
 
-import glob
+import errno
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS
-from lfflow.collection.catalogue import NUMBERS, frame
-from lfflow.collection.storage import file_digest
-from lfflow.errors import CollectionError, LfflowError
+from lfflow.collection import identity
+from lfflow.collection.catalogue import NUMBERS, Row, frame, rows_of
+from lfflow.collection.inputs import contents, digest, file_of, file_state, is_there
+from lfflow.collection.judge import judge
+from lfflow.errors import FormatError, LfflowError
 
-SUFFIXES = frozenset({".lfp", ".lfr", ".raw"})
 _READERS = 4
 _log = logging.getLogger(__name__)
 
 OpenRaw = Callable[[str], xr.Dataset]
-Row = dict[str, Any]
-
-
-def find_files(inputs: Iterable[str | Path]) -> list[Path]:
-    """Absolute paths, sorted: files as named, folders walked for captures, globs expanded.
-
-    Raises CollectionError for an input that is not there.
-    """
-    found: set[Path] = set()
-    for item in inputs:
-        path = Path(item).absolute()
-        if path.is_dir():
-            found |= {entry for entry in path.rglob("*") if entry.suffix.lower() in SUFFIXES and entry.is_file()}
-        elif path.exists():
-            found.add(path)
-        else:
-            matches = [Path(match).absolute() for match in glob.glob(str(item), recursive=True)]  # noqa: PTH207 - the pattern may be absolute
-            if not matches:
-                raise CollectionError(f"no such input: {item}")
-            found |= set(find_files(matches))
-    return sorted(found)
 
 
 def scan(
-    files: Sequence[Path],
+    files: Sequence[str],
     known: pd.DataFrame,
     open_raw: OpenRaw,
     *,
-    white: Sequence[Path] = (),
-    dark: Sequence[Path] = (),
+    white: Sequence[str] = (),
+    dark: Sequence[str] = (),
     again: bool = False,
+    finished: Collection[str] = (),
 ) -> pd.DataFrame:
-    """Catalogue with a row for each of `files` beside the rows that were there.
+    """Catalogue with a row for each picture in `files` beside those that were known, all as they are on the disk now.
 
-    A file whose size and time are as the catalogue has them is not read again; `white` and `dark` are told to be so,
-    whatever their metadata say; with `again`, files that could not be read before are tried anew.
+    Parameters
+    ----------
+    files
+        Absolute paths of files (archives too) and addresses of archive entries.
+    known
+        The catalogue as it was.
+    open_raw
+        From a path or address to the lazy raw frame.
+    white, dark
+        Files that are told to be so, whatever their metadata and content say.
+    again
+        Try files anew that could not be read before.
+    finished
+        Captures with results: their rows stay when their files are gone.
+
+    Notes
+    -----
+    A picture whose size and time are as the catalogue has them is not read again; one with another time but the same
+    sha256 is not judged again.
     """
-    told = {**dict.fromkeys(map(str, white), "white"), **dict.fromkeys(map(str, dark), "dark")}
-    rows: dict[str, Row] = {row["path"]: row for row in _rows(known)}
-    trusted = {path: row for path, row in rows.items() if not (again and row["reason"])}
-    ids = {row["id"] for row in rows.values()}
-    paths = sorted({str(path) for path in (*files, *white, *dark)})
+    told = {**dict.fromkeys(white, "white"), **dict.fromkeys(dark, "dark")}
+    before = {row["path"]: row for row in rows_of(known)}
+    reader = _Reader(before, open_raw, told, again)
+    units = sorted({*files, *white, *dark, *before})
+    rows = {path: row for path in units if (row := reader.unchanged(path)) is not None}
     with ThreadPoolExecutor(_READERS) as readers:
-        fresh = list(readers.map(lambda path: _refresh(path, trusted.get(path), open_raw, told.get(path, "")), paths))
-    for path, row in zip(paths, fresh, strict=True):
-        row["id"] = rows[path]["id"] if path in rows else _new_id(path, ids)
-        ids.add(row["id"])
-        rows[path] = row
-    old = {row["id"] for row in _rows(known)}
-    return frame(_mark_duplicates(sorted(rows.values(), key=lambda row: (row["id"] not in old, row["id"]))))
+        for read in readers.map(reader.read, [path for path in units if path not in rows]):
+            for row in read:
+                rows.setdefault(row["path"], row)
+    gone = {path: row for path, row in before.items() if path not in rows}
+    return frame(identity.settle(rows, gone, before, finished))
 
 
-def _rows(table: pd.DataFrame) -> list[Row]:
-    return [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    """Makes rows of pictures; used by several threads at once, changes nothing."""
+
+    before: Mapping[str, Row]
+    open_raw: OpenRaw
+    told: Mapping[str, str]
+    again: bool = False
+
+    def unchanged(self, path: str) -> Row | None:
+        """Known row of a picture that is as it was, else None."""
+        known = self.before.get(path)
+        if known is None or (self.again and known["reason"]) or not _is_whole(known):
+            return None
+        try:
+            same = (known["size"], known["mtime_ns"]) == file_state(path)
+        except OSError:
+            return None
+        return {**known, "missing": False} if same and self._told_kind(path) == known["told_kind"] else None
+
+    def read(self, path: str) -> list[Row]:
+        """Rows of everything in a file: none when it is gone, one of a picture, one for each entry of an archive."""
+        if path in self.before and not is_there(path):
+            return []
+        try:
+            pictures = contents(path)
+        except (OSError, LfflowError) as error:
+            return [self._row(path) | {"reason": _words(error, path), "sha256": ""}]
+        return [self.unchanged(picture) or self._picture(picture) for picture in pictures]
+
+    def _told_kind(self, path: str) -> str:
+        return self.told.get(path) or self.told.get(file_of(path)) or self.before.get(path, {}).get("told_kind", "")
+
+    def _row(self, path: str) -> Row:
+        return {"path": path.encode(errors="backslashreplace").decode(), "told_kind": self._told_kind(path)}
+
+    def _picture(self, path: str) -> Row:
+        row, known = self._row(path), self.before.get(path)
+        if row["path"] != path:
+            return row | {"reason": "its name is no text in UTF-8: rename the file"}
+        try:
+            row["size"], row["mtime_ns"] = file_state(path)
+            row["sha256"] = digest(path)
+            same = known is not None and row["sha256"] == known["sha256"] and row["told_kind"] == known["told_kind"]
+            if known is not None and same and _is_whole(known) and not (self.again and known["reason"]):
+                return {**known, **row, "missing": False}
+            with self.open_raw(path) as raw:
+                return row | _metadata(raw, path, row["told_kind"])
+        except (LfflowError, OSError, ValueError, KeyError, TypeError) as error:
+            _log.warning("%s: %s", path, error)
+            return row | {"reason": _words(error, path)}
 
 
-def _new_id(path: str, taken: set[str]) -> str:
-    stem = Path(path).stem
-    name, number = stem, 1
-    while name in taken:
-        number += 1
-        name = f"{stem}_{number}"
-    return name
+def _is_whole(known: Row) -> bool:
+    """Whether a row says all that its picture told: one that was made from the ledger does not."""
+    return bool(known["sha256"]) and bool(known["reason"] or known["judged_by"])
 
 
-def _mark_duplicates(rows: list[Row]) -> list[Row]:
-    """Rows with `duplicate_of` set; of equal files, the one that comes first is the original."""
-    first: dict[str, str] = {}
-    for row in rows:
-        digest = row.get("sha256") or ""
-        row["duplicate_of"] = first.get(digest, "") if digest else ""
-        if digest:
-            first.setdefault(digest, row["id"])
-    return rows
+def _words(error: Exception, path: str) -> str:
+    """Reason why a picture cannot be used, in one line for people."""
+    if isinstance(error, OSError):
+        known = error.errno in (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EIO, errno.ELOOP)
+        text = f"cannot be read: {error.strerror if known or error.strerror else error}"
+    elif isinstance(error, FormatError):
+        text = str(error).removeprefix(f"{path}: ")
+    else:
+        text = f"{type(error).__name__}: {error}"
+    return " ".join(text.split())
 
 
-def _refresh(path: str, known: Row | None, open_raw: OpenRaw, told: str) -> Row:
-    """Row of a file: the known one when nothing changed, else read anew."""
-    row: Row = {"path": path, "told_kind": told or (known or {}).get("told_kind", "")}
-    try:
-        state = Path(path).stat()
-        row |= {"size": state.st_size, "mtime_ns": state.st_mtime_ns}
-        same = known is not None and (known["size"], known["mtime_ns"]) == (state.st_size, state.st_mtime_ns)
-        if known is not None and same and known["sha256"] and row["told_kind"] == known["told_kind"]:
-            return dict(known)
-        row["sha256"] = file_digest(path)
-    except OSError as error:
-        return row | {"sha256": "", "reason": f"cannot be read: {error.strerror or error}"}
-    if known is not None and known["sha256"] == row["sha256"] and row["told_kind"] == known["told_kind"]:
-        return {**known, "mtime_ns": row["mtime_ns"]}
-    try:
-        return row | _metadata(open_raw(path), row["told_kind"])
-    except (LfflowError, OSError, ValueError, KeyError, TypeError) as error:
-        _log.warning("%s: %s", path, error)
-        return row | {"reason": f"{type(error).__name__}: {error}"}
-
-
-def _metadata(raw: xr.Dataset, told: str) -> Row:
+def _metadata(raw: xr.Dataset, path: str, told: str) -> Row:
+    if "raw" not in raw.variables:
+        raise FormatError(f"{path}: found a derived picture ({', '.join(map(str, raw.data_vars))}), expected a raw one")
     row: Row = {name: float(raw[name]) for name in NUMBERS if name in raw.variables}
     for name in ("camera_model", "camera_serial"):
         row[name] = str(raw[name].item()) if name in raw.variables else ""
     row["time"] = raw["time"].values if "time" in raw.variables else np.datetime64("NaT", "ns")
-    row["kind"] = told or str(raw["kind"].item())
+    row["kind"], row["judged_by"] = judge(raw, told)
     row["height"], row["width"] = int(raw.sizes["y"]), int(raw.sizes["x"])
     row["group"] = group_name(row["camera_model"], row["height"], row["width"])
-    raw.close()
     return row
 
 

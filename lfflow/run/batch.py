@@ -16,8 +16,8 @@ import pandas as pd
 from lfflow.collection import Collection, catalogue
 from lfflow.collection.collection import select
 from lfflow.collection.leases import run_lease
-from lfflow.collection.scan import find_files, scan
 from lfflow.collection.storage import explain
+from lfflow.collection.update import update
 from lfflow.collection.whites import MAX_STEPS, choose
 from lfflow.run.chain import CHAIN, Chain, Grid, Parameters, camera_grid, lattice_grid
 from lfflow.run.config import WHITES
@@ -114,13 +114,9 @@ def make_plan(out: str | os.PathLike[str], options: Options, chain: Chain = CHAI
 
 
 def _scan(collection: Collection, options: Options, chain: Chain) -> pd.DataFrame:
-    try:
-        known = collection.catalogue_rows()
-    except catalogue.DamagedCatalogueError:
-        known = catalogue.frame([])
-    files = find_files(options.inputs) if options.inputs else [Path(path) for path in known["path"]]
-    told = find_files(options.white), find_files(options.dark)
-    table = scan(files, known, chain.open_raw, white=told[0], dark=told[1], again=options.accept_damaged)
+    table = update(
+        collection, chain.open_raw, options.inputs, white=options.white, dark=options.dark, again=options.accept_damaged
+    )
     table = choose(table, max_steps=_max_steps(options))
     catalogue.save(collection.storage, table)
     return table

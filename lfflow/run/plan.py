@@ -48,6 +48,7 @@ class Job:
     group: str
     height: int
     width: int
+    kind: str
     grid: Grid | None
     steps: tuple[Step, ...]
 
@@ -110,7 +111,8 @@ class Planner:
         if not steps:
             return None
         return Job(str(row["id"]), str(row["path"]), int(row["size"]), int(row["mtime_ns"]), str(row["sha256"]),
-                   str(row["group"]), int(row["height"]), int(row["width"]), grid, tuple(steps))  # fmt: skip
+                   str(row["group"]), int(row["height"]), int(row["width"]), str(row["kind"]), grid,
+                   tuple(steps))  # fmt: skip
 
     def _step(self, stage: Stage, row: pd.Series, grid: Grid | None, before: list[Step]) -> Step:
         capture = str(row["id"])
@@ -124,7 +126,7 @@ class Planner:
         parameters = {table: self._request.config[table] for table in stage.tables if table in self._request.config}
         shape = grid if stage.name != "calibration" else None
         hashes = {name: value for name, (_, value) in upstream.items()}
-        mark = fingerprint(stage, parameters, str(row["sha256"]), shape, hashes)
+        mark = fingerprint(stage, parameters, _source(row), shape, hashes)
         action, why = self._decide(stage, capture, mark, before)
         return Step(stage.name, capture, mark, action, why, parameters, upstream)
 
@@ -132,7 +134,7 @@ class Planner:
         """Fingerprint of a white image's calibration under the present parameters."""
         stage = self._chain["calibration"]
         parameters = {table: self._request.config[table] for table in stage.tables if table in self._request.config}
-        return fingerprint(stage, parameters, str(self._table.loc[white, "sha256"]), None, {})
+        return fingerprint(stage, parameters, _source(self._table.loc[white]), None, {})
 
     def _decide(self, stage: Stage, capture: str, mark: str, before: list[Step]) -> tuple[str, str]:
         blocker = next((s for s in before if s.stage in stage.upstream and s.action in (FAILED_BEFORE, BLOCKED)), None)
@@ -159,6 +161,11 @@ class Planner:
         if record is None:
             return "not done yet"
         return f"done with other input, parameters or version ({stage.name} is at version {stage.version})"
+
+
+def _source(row: pd.Series) -> str:
+    """The input of a stage: what the file holds, and what that is taken for."""
+    return f"{row['kind']} {row['sha256']}"
 
 
 def as_rows(jobs: list[Job]) -> list[dict[str, Any]]:

@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from lfflow.collection import Collection
+from lfflow.collection.inputs import file_state
 from lfflow.collection.leases import lease
 from lfflow.collection.records import DAMAGED, DONE, FAILED, Record
 from lfflow.collection.storage import explain
@@ -100,11 +101,10 @@ class _Frame:
 
     @functools.cached_property
     def raw(self) -> xr.Dataset:
-        state = Path(self._job.path).stat()
-        if (state.st_size, state.st_mtime_ns) != (self._job.size, self._job.mtime_ns):
+        if file_state(self._job.path) != (self._job.size, self._job.mtime_ns):
             raise CollectionError(f"{self._job.path} has changed since it was scanned")
         with self._chain.open_raw(self._job.path) as raw:
-            return raw.load().assign_coords(capture=self._job.capture)
+            return raw.load().assign_coords(capture=self._job.capture, kind=self._job.kind)
 
 
 def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame, before: list[Status]) -> Status:

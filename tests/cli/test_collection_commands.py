@@ -14,7 +14,7 @@ from lfflow.cli.run import run
 from lfflow.cli.scan import scan
 from lfflow.cli.status import status
 from lfflow.cli.validate import validate
-from lfflow.collection import scan as scanning
+from lfflow.collection.inputs import find_files
 from lfflow.errors import CollectionError, FormatError, LfflowError
 from lfflow.run import chain
 
@@ -48,7 +48,7 @@ def test_status_counts_and_lists_failures(scanned, capsys):
     assert told["stages"]["calibration"] == {"pending": 1, "unreadable": 1}
     assert list(told["failed"]) == ["BROKEN"]
     assert status(scanned, failed=True) == 0
-    assert capsys.readouterr().out.startswith("BROKEN: FormatError")
+    assert capsys.readouterr().out.startswith("BROKEN: found nothing")
 
 
 def test_status_explains_the_choice_of_the_white_image(scanned, capsys):
@@ -102,4 +102,4 @@ def test_an_unknown_key_of_the_configuration_is_a_usage_error(tmp_path, toml, me
 
 def test_an_input_that_is_not_there_is_said(tmp_path):
     with pytest.raises(CollectionError, match="no such input"):
-        scanning.find_files([tmp_path / "nothing*.lfp"])
+        find_files([tmp_path / "nothing*.lfp"])
