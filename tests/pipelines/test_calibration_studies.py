@@ -7,10 +7,12 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 from lfflow.lattice import Lattice
+from pipelines import shape_functions
 
 SIZE = 300
 GAP, PIXEL, LENS = 25e-6, 1.4e-6, 14e-6
@@ -53,10 +55,50 @@ def test_rotation_study_separates_magnification_from_rotation() -> None:
     assert "systematic" in module.systematic(table).splitlines()[0]
 
 
-def test_shape_functions_make_tables_and_a_plot(tmp_path: Path) -> None:
-    report = load("shape_functions").main(tmp_path, size=160)
-    assert (tmp_path / "figure19.png").stat().st_size > 10_000
-    assert "global" in report
-    rows = [line.split() for line in report.splitlines()[1:6]]
-    gaussian = {int(row[0]): float(row[1]) for row in rows}
-    assert gaussian[3] > gaussian[1], "the mask must be about as wide as a subimage"
+@pytest.fixture(scope="module")
+def experiments(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("experiments")
+    shape_functions.main(out, size=240)
+    return out
+
+
+def test_table_2_of_the_seed_is_met(experiments: Path) -> None:
+    table = pd.read_csv(experiments / "table2.csv")
+    assert len(table) == 15
+    for shape, rows in table.groupby("shape"):
+        assert np.abs(rows["here"] - rows["seed"]).max() < 0.06 * rows["seed"].max(), shape
+
+
+def test_figure_19_peaks_at_no_error(experiments: Path) -> None:
+    curves = pd.read_csv(experiments / "figure19.csv")
+    wide = curves.pivot_table(index="error", columns=["parameter", "shape", "sigma"], values="upsilon")
+    for name in (("dh", "gaussian", 2), ("theta", "cosine4", 3), ("theta", "rectangular", 4)):
+        assert abs(wide[name].dropna().idxmax()) < 1e-12
+    assert wide["theta", "gaussian", 2].max() > wide["dh", "gaussian", 2].max()
+
+
+def test_colours_agree_after_the_fit(experiments: Path) -> None:
+    table = pd.read_csv(experiments / "figure20.csv").set_index("colour")
+    assert list(table.index) == ["gray", "red", "green", "blue"]
+    assert (table["model_to_gray"] < 0.03).all()
+    assert (
+        table.loc[["red", "green", "blue"], "single_rms"] > 2 * table.loc[["red", "green", "blue"], "model_to_gray"]
+    ).all()
+
+
+def test_global_and_local_find_the_truth(experiments: Path) -> None:
+    table = pd.read_csv(experiments / "table3.csv")
+    smooth = table[table["method"].isin(["global, gaussian", "global, cosine4", "local, sub-pixel"])]
+    assert len(smooth) == 6
+    assert (smooth["rms"] < 0.03).all()
+    worst = table.groupby("method")["rms"].max()
+    assert worst["local, whole pixels"] > 3 * worst["local, sub-pixel"]
+
+
+def test_every_printed_value_is_compared(experiments: Path) -> None:
+    lines = (experiments / "agreement.txt").read_text().splitlines()
+    assert sum("σ = " in line and ": seed" in line for line in lines) == 15
+    assert sum("axis ends at" in line for line in lines) == 6
+    assert sum("seed" in line and ("here" in line) for line in lines) >= 15 + 6 + 4
+    for name in ("figure19.png", "figure20.png"):
+        assert (experiments / name).stat().st_size > 10_000
