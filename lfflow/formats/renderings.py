@@ -177,7 +177,7 @@ class JpegStack(BackendArray):
         size = jpeg_size(data)
         if size != (height, width):
             raise StructureError(region.path, region.name, f"a JPEG of (height, width) {size}", f"{(height, width)}")
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if picture is None or picture.shape != (height, width, 3):
             raise StructureError(region.path, region.name, "a JPEG that cannot be decoded", "a picture")
         return np.asarray(picture[..., ::-1], np.uint8)

@@ -7,11 +7,10 @@ has the same mutants steered by coverage.
 from __future__ import annotations
 
 import argparse
-import io
+import json
 import os
 import resource
 import signal
-import tarfile
 import tempfile
 import time
 from collections import Counter
@@ -21,9 +20,10 @@ from random import Random
 from typing import Any
 
 import numpy as np
+import xarray as xr
+from flat_mutations import cfg_mutant, mat_mutant, mutate_document, pfm_mutant, png_mutant, tar_mutant
 from format_examples import PRIVATE, metadata_of
 from format_mutations import Container, mutate_bytes, mutate_json
-from scipy.io import savemat
 
 from lfflow.errors import FormatError
 from lfflow.formats.archives import archive_entries
@@ -33,11 +33,11 @@ from lfflow.formats.eslf import open_eslf
 from lfflow.formats.frame import Frame, FrameArray
 from lfflow.formats.layout import PACKINGS
 from lfflow.formats.lfp import raw_frame, read_hot_pixels
-from lfflow.formats.opening import container_kind, open_picture
+from lfflow.formats.opening import container_kind
 from lfflow.formats.packing import pack
 from lfflow.formats.pfm import read_pfm
 from lfflow.formats.png import read_png, write_png
-from lfflow.formats.raw_pair import open_pair, pair_bytes
+from lfflow.formats.raw_pair import document_metadata, open_pair, pair_bytes
 from lfflow.formats.renderings import rendering
 from lfflow.formats.toolbox import open_toolbox
 from lfflow.formats.views import open_views
@@ -92,33 +92,14 @@ def containers() -> dict[str, Container]:
         "stk": Container({"picture": {"accelerationArray": [stack]}}, {"lut": lut, "jpeg": jpeg()}),
         "dm": Container({"picture": {"accelerationArray": [{"vendorContent": depth}]}}, {"lut": lut}),
         "web": Container({"frames": [], "views": [{"accelerations": [web]}]}, {"lut": lut, "jpeg": jpeg()}),
-        "storage": Container({"files": files}, {"RAW": image, "TXT": text}),
+        "storage": Container({"files": files}, {"RAW": image, "TXT": json.loads(text)}),
     }
 
 
-def flat_files(folder: Path) -> dict[str, bytes]:
-    """One small file of every format that is no container."""
-    image, text = pair_bytes(raw(10), metadata_of("illum", HEIGHT, WIDTH), PRIVATE)
-    buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.GNU_FORMAT) as tar:
-        for name, data in (("MOD_0000.RAW", image), ("MOD_0000.TXT", text), ("n" * 150, b"long")):
-            info = tarfile.TarInfo(name)
-            info.size = len(data)
-            tar.addfile(info, io.BytesIO(data))
-    write_png(folder / "seed.png", raw(8).astype(np.uint8), {"views": "2"})
-    lf = np.arange(3 * 3 * 2 * 2 * 4, dtype=np.uint16).reshape(3, 3, 2, 2, 4)
-    matrices = {}
-    for compressed in (False, True):
-        matrix = io.BytesIO()
-        savemat(matrix, {"other": np.arange(3), "LF": lf}, do_compression=compressed)
-        matrices[f"mat{compressed:d}"] = matrix.getvalue()
-    return {
-        "tar": buffer.getvalue(),
-        "png": (folder / "seed.png").read_bytes(),
-        "pfm": b"Pf\n4 3\n-1.0\n" + np.arange(12, dtype="<f4").tobytes(),
-        "cfg": b"[extrinsics]\nnum_cams_x = 3\nnum_cams_y = 3\nbaseline_mm = 1.5\n",
-        **matrices,
-    }
+def pair_files(camera: str) -> dict[str, bytes]:
+    """A small RAW + TXT pair."""
+    image, text = pair_bytes(raw(10), metadata_of(camera, HEIGHT, WIDTH, 10), PRIVATE)
+    return {"MOD_0000.RAW": image, "MOD_0000.TXT": text}
 
 
 class Fuzzer:
@@ -127,26 +108,39 @@ class Fuzzer:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.containers = containers()
-        self.flat = flat_files(folder)
-        self.pair_text = json_of(metadata_of("illum", HEIGHT, WIDTH))
-        self.kinds = [*self.containers, *self.flat, "pair"]
+        self.pairs = {camera: pair_files(camera) for camera in ("f01", "illum")}
+        self.text = json_of(metadata_of("f01", HEIGHT, WIDTH))
+        members = {**self.pairs["illum"], "n" * 90: b"long"}
+        self.flat: dict[str, Callable[[Random], bytes]] = {
+            "tar": lambda random: tar_mutant(members, random),
+            "png": png_mutant,
+            "png16": lambda random: png_mutant(random, 16),
+            "view": png_mutant,
+            "cfg": cfg_mutant,
+            "pfm": pfm_mutant,
+            "mat": lambda random: mat_mutant(random, compressed=False),
+            "mat7": lambda random: mat_mutant(random, compressed=True),
+            "pair": lambda random: mutate_document(self.pairs["illum"]["MOD_0000.TXT"], random),
+            "pair_f01": lambda random: mutate_document(self.pairs["f01"]["MOD_0000.TXT"], random),
+            "pair_raw": lambda random: mutate_bytes(self.pairs["f01"]["MOD_0000.RAW"], random),
+            "json": lambda random: mutate_document(self.text, random),
+        }
+        self.kinds = [*self.containers, *self.flat]
         self.views = folder / "views"
         self.views.mkdir()
-        (self.views / "input_Cam004.png").write_bytes(self.flat["png"])
-        (folder / "seed.png").unlink()
+        write_png(self.views / "input_Cam000.png", np.zeros((6, 8, 3), np.uint8))
         self.readers: dict[str, Callable[[Path], object]] = {
-            "tar": read_archive, "storage": read_archive, "png": read_picture, "pfm": read_pfm,
-            "mat0": lambda path: open_toolbox(path).load(), "mat1": lambda path: open_toolbox(path).load(),
+            "tar": read_archive, "storage": read_archive, "png": read_picture, "png16": read_picture, "pfm": read_pfm,
+            "mat": read_toolbox, "mat7": read_toolbox, "json": document_metadata, "view": self.read_views,
+            "cfg": self.read_views, "pair": self.read_pair, "pair_f01": self.read_pair, "pair_raw": self.read_pair,
         }  # fmt: skip
 
     def mutant(self, number: int) -> Case:
         """Kind and bytes of one mutant."""
         random = Random(number)  # noqa: S311
         kind = random.choice(self.kinds)
-        if kind == "pair":
-            return kind, json_of(mutate_json(metadata_of("illum", HEIGHT, WIDTH), random))
         if kind in self.flat:
-            return kind, mutate_bytes(self.flat[kind], random)
+            return kind, self.flat[kind](random)
         seed = self.containers[kind]
         toc, chunks = seed.toc, dict(seed.chunks)
         style = random.randrange(5)
@@ -161,34 +155,44 @@ class Fuzzer:
 
     def feed(self, kind: str, data: bytes, *, whole: bool) -> str:
         """Outcome of one mutant: "read", or the name of the FormatError; anything else is raised."""
-        path = self.folder / {"png": "a_eslf.png", "pair": "MOD_0000.TXT"}.get(kind, "a.bin")
-        if kind == "cfg":
-            path = self.views / "parameters.cfg"
-        path.write_bytes(data)
+        path = self.put(kind, data)
         try:
-            if kind == "pair":
-                (self.folder / "MOD_0000.RAW").write_bytes(pack(raw(10), PACKINGS[10, "little"]))
-                read_frame(open_pair(path))
-            elif kind == "cfg":
-                open_views(self.views)["rgb"].isel(v=0).load()
-            elif kind in self.readers:
-                self.readers[kind](path)
-            else:
-                read_container(path)
+            self.readers.get(kind, read_container)(path)
             if whole:
                 str(describe(path))
-                if kind in self.containers:
-                    open_picture(path, accept_damaged=True).load()
+                if kind in self.containers or kind.startswith("pair"):
+                    xr.open_dataset(path, engine="lfp", accept_damaged=True).load()
         except FormatError as error:
             if len(str(error)) > 4000 or not str(error).isprintable():
                 raise AssertionError(f"message {str(error)[:200]!r}") from error
             return type(error).__name__
         return "read"
 
+    def put(self, kind: str, data: bytes) -> Path:
+        """Write a mutant, and what it needs beside it, under a name of its kind."""
+        names = {"png": "a_eslf.png", "png16": "a_eslf.png", "json": "frame.json", "storage": "data.C.0"}
+        path = self.folder / names.get(kind, "a.bin")
+        if kind in ("cfg", "view"):
+            for other in ("parameters.cfg", "input_Cam004.png"):
+                (self.views / other).unlink(missing_ok=True)
+            path = self.views / ("parameters.cfg" if kind == "cfg" else "input_Cam004.png")
+        elif kind.startswith("pair"):
+            for name, whole in self.pairs["illum" if kind == "pair" else "f01"].items():
+                (self.folder / name).write_bytes(whole)
+            path = self.folder / ("MOD_0000.RAW" if kind == "pair_raw" else "MOD_0000.TXT")
+        path.write_bytes(data)
+        return path
+
+    def read_views(self, _: Path) -> None:
+        """Read the folder that a mutant was put into."""
+        open_views(self.views).isel(u=slice(0, 5)).load()
+
+    def read_pair(self, path: Path) -> None:
+        """Read the pair of which a mutant is one half."""
+        read_frame(open_pair(path))
+
 
 def json_of(value: Any) -> bytes:
-    import json
-
     return json.dumps(value).encode()
 
 
@@ -211,6 +215,11 @@ def read_archive(path: Path) -> None:
     for entry in archive_entries(path):
         if entry.frame is not None:
             read_frame(entry.frame)
+            xr.open_dataset(entry.path, engine="lfp")
+
+
+def read_toolbox(path: Path) -> None:
+    open_toolbox(path).load()
 
 
 def read_picture(path: Path) -> None:
@@ -225,7 +234,7 @@ def bound_memory(extra: int = 1 << 30) -> None:
 
 
 def run(numbers: Iterator[int], folder: Path) -> Counter[str]:
-    """Feed mutants; every 50th takes all doors. Raises at the first that is not handled, naming its number."""
+    """Feed mutants; every 20th takes all doors. Raises at the first that is not handled, naming its number."""
     fuzzer = Fuzzer(folder)
     fuzzer.feed("lfp", fuzzer.containers["lfp"].to_bytes(Random(0), wild=False), whole=True)  # noqa: S311
     outcomes: Counter[str] = Counter()
@@ -239,7 +248,7 @@ def run(numbers: Iterator[int], folder: Path) -> Counter[str]:
             kind, data = fuzzer.mutant(number)
             signal.alarm(SECONDS)
             try:
-                outcomes[f"{kind}: {fuzzer.feed(kind, data, whole=number % 50 == 0)}"] += 1
+                outcomes[f"{kind}: {fuzzer.feed(kind, data, whole=number % 20 == 0)}"] += 1
             except BaseException as error:
                 raise AssertionError(f"mutant {number} ({kind}) ends in {type(error).__name__}: {error}") from error
             finally:

@@ -22,7 +22,7 @@ def test_mutants_end_in_success_or_format_error(tmp_path) -> None:
     outcomes = run(iter(range(2500)), tmp_path)
     kinds = {outcome.split(":")[0] for outcome in outcomes}
     assert outcomes.total() == 2500
-    assert len(kinds) == 14
+    assert len(kinds) == 19
     assert all(any(o.startswith(f"{kind}:") and not o.endswith("read") for o in outcomes) for kind in kinds)
 
 
