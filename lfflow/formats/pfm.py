@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,7 @@ def read_pfm(path: str | os.PathLike[str]) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(values if channels == 3 else values[..., 0], np.float32)
 
 
-def write_pfm(path: str | os.PathLike[str], values: npt.ArrayLike) -> None:
+def write_pfm(path: str | os.PathLike[str], values: npt.ArrayLike, *, order: Literal["<", ">"] = "<") -> None:
     """Write a float map.
 
     Parameters
@@ -62,19 +63,21 @@ def write_pfm(path: str | os.PathLike[str], values: npt.ArrayLike) -> None:
     path
         The file to make.
     values
-        Shape (rows, columns) or (rows, columns, 3), top row first; written as little-endian float32.
+        Shape (rows, columns) or (rows, columns, 3), top row first; written as float32.
+    order
+        "<" little-endian or ">" big-endian.
 
     Raises
     ------
     ValueError
         If the shape is another.
     """
-    array = np.asarray(values, "<f4")
+    array = np.asarray(values, f"{order}f4")
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3) or not array.size:
         raise ValueError(f"a float map has shape (rows, columns) or (rows, columns, 3), not {array.shape}")
     kind = "Pf" if array.ndim == 2 else "PF"
     with written_whole(Path(path)) as file:
-        file.write(f"{kind}\n{array.shape[1]} {array.shape[0]}\n-1.0\n".encode())
+        file.write(f"{kind}\n{array.shape[1]} {array.shape[0]}\n{'-1.0' if order == '<' else '1.0'}\n".encode())
         file.write(array[::-1].tobytes())
 
 

@@ -230,7 +230,7 @@ def _grid(folder: str, files: dict[int, str], numbers: dict[str, float]) -> int:
     declared = {numbers[name] for name in ("num_cams_x", "num_cams_y") if name in numbers}
     if declared:
         side = int(declared.pop())
-        if declared or side % 2 == 0 or not top < side * side <= MAX_VIEWS:
+        if declared or side < 1 or side % 2 == 0 or not top < side * side <= MAX_VIEWS:
             raise MetadataError(folder, _PARAMETERS, f"grid {numbers}", f"a square, odd grid with view {top} in it")
         return side
     whole = math.isqrt(len(files))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import pickle
 from pathlib import Path
 
@@ -12,8 +11,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from format_examples import PRIVATE, metadata_of
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lfflow.formats import region as region_module
 from lfflow.formats.container import open_container, write_container
@@ -38,28 +35,6 @@ def flip(path: Path, offset: int, bit: int = 0) -> None:
 
 def image_section(path: Path):
     return next(section for section in open_container(path).sections if section.region.length == 24 * 45)
-
-
-@given(
-    camera=st.sampled_from(["f01", "illum"]),
-    bits=st.sampled_from([8, 10, 12, 16]),
-    corner=st.sampled_from(["r", "gr", "gb", "b"]),
-    height=st.integers(1, 12),
-    width=st.integers(1, 12),
-    seed=st.integers(0, 99),
-)
-@settings(deadline=None, max_examples=60)
-def test_what_is_written_is_read(tmp_path_factory, camera, bits, corner, height, width, seed) -> None:
-    raw = np.random.default_rng(seed).integers(0, 1 << bits, (height, width)).astype(np.uint16)
-    metadata = metadata_of(camera, height, width, bits, corner)
-    path = tmp_path_factory.mktemp("p") / ("a.lfp" if camera == "f01" else "a.lfr")
-    write_lfp(path, raw, metadata, PRIVATE)
-    ds = xr.open_dataset(path, engine="lfp")
-    RAW.check(ds)
-    assert np.array_equal(ds["raw"].values, raw)
-    assert str(ds["cfa_pattern"].values) == {"r": "RGGB", "gr": "GRBG", "gb": "GBRG", "b": "BGGR"}[corner]
-    assert json.loads(ds.attrs["metadata"]) == metadata
-    assert json.loads(ds.attrs["private_metadata"]) == PRIVATE
 
 
 def test_typed_metadata(picture) -> None:

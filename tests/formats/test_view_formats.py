@@ -8,8 +8,6 @@ import cv2
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.io import loadmat, savemat
 
 from lfflow.formats.errors import (
@@ -20,12 +18,10 @@ from lfflow.formats.errors import (
     TruncatedError,
     UnknownFormatError,
 )
-from lfflow.formats.eslf import write_eslf
-from lfflow.formats.pfm import read_pfm, write_pfm
+from lfflow.formats.pfm import read_pfm
 from lfflow.formats.png import read_png, write_png
 from lfflow.formats.toolbox import write_toolbox
 from lfflow.formats.views import as_floats, write_views
-from lfflow.schema import VIEWS
 
 DIMS = ("v", "u", "t", "s", "channel")
 
@@ -34,62 +30,6 @@ def light_field(side: int, height: int, width: int, bits: int, seed: int = 0) ->
     kind = np.uint8 if bits == 8 else np.uint16
     integers = np.random.default_rng(seed).integers(0, 1 << bits, (side, side, height, width, 3)).astype(kind)
     return xr.Dataset({"rgb": (DIMS, as_floats(integers))})
-
-
-sizes = {"height": st.integers(1, 6), "width": st.integers(1, 6), "bits": st.sampled_from([8, 16])}
-
-
-@given(side=st.sampled_from([1, 3, 9]), **sizes)
-@settings(deadline=None, max_examples=15)
-def test_folders_come_back(tmp_path_factory, side, height, width, bits) -> None:
-    ds = light_field(side, height, width, bits)
-    folder = tmp_path_factory.mktemp("views")
-    write_views(folder, ds.transpose("channel", "s", "v", "t", "u"), bits=bits)
-    back = xr.open_dataset(folder, engine="views")
-    VIEWS.check(back)
-    assert np.array_equal(back["rgb"].values, ds["rgb"].values)
-    assert back["v"].values.tolist() == list(range(-(side // 2), side // 2 + 1))
-
-
-@given(side=st.integers(1, 15), **sizes)
-@settings(deadline=None, max_examples=25)
-def test_lenslet_pictures_come_back(tmp_path_factory, side, height, width, bits) -> None:
-    ds = light_field(side, height, width, bits)
-    path = tmp_path_factory.mktemp("p") / "a_eslf.png"
-    write_eslf(path, ds, bits=bits)
-    back = xr.open_dataset(path)
-    VIEWS.check(back)
-    assert np.array_equal(back["rgb"].values, ds["rgb"].values)
-    assert np.array_equal(back["rgb"][-1, :, 0].values, ds["rgb"][-1, :, 0].values)
-
-
-@given(side=st.integers(1, 9), height=sizes["height"], width=sizes["width"], weight=st.booleans())
-@settings(deadline=None, max_examples=25)
-def test_toolbox_files_come_back(tmp_path_factory, side, height, width, weight) -> None:
-    ds = light_field(side, height, width, 16)
-    if weight:
-        ds["weight"] = ds["rgb"][..., 1]
-    path = tmp_path_factory.mktemp("p") / "LF.mat"
-    write_toolbox(path, ds)
-    back = xr.open_dataset(path)
-    VIEWS.check(back)
-    assert np.array_equal(back["rgb"].values, ds["rgb"].values)
-    assert np.array_equal(back["rgb"][0, :, 0, :, 1].values, ds["rgb"][0, :, 0, :, 1].values)
-    assert ("weight" in back) == weight
-    if weight:
-        assert np.array_equal(back["weight"].values, ds["weight"].values)
-
-
-@given(st.data())
-@settings(deadline=None, max_examples=25)
-def test_float_maps_come_back(tmp_path_factory, data) -> None:
-    shape = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 9)))
-    shape += data.draw(st.sampled_from([(), (3,)]))
-    values = np.random.default_rng(0).normal(size=shape).astype(np.float32)
-    values.flat[0] = np.nan
-    path = tmp_path_factory.mktemp("p") / "a.pfm"
-    write_pfm(path, values)
-    assert np.array_equal(read_pfm(path), values, equal_nan=True)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
