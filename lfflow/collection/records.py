@@ -138,6 +138,11 @@ class Ledger:
         folder = f"ledger/{stage}/{state}"
         return [unquote(name.removesuffix(".json")) for name in self._storage.names(folder) if name.endswith(".json")]
 
+    def fingerprints(self, stage: str) -> dict[str, str]:
+        """Fingerprint of everything that is done of a stage, by capture: a small part of the records."""
+        found = ((capture, self.find(stage, capture)) for capture in self.captures(stage))
+        return {capture: record.fingerprint for capture, record in found if record is not None}
+
     def records(self, stage: str, state: str = DONE) -> dict[str, Record]:
         """Whole records of a stage, by capture."""
         found = ((capture, self.find(stage, capture, state)) for capture in self.captures(stage, state))

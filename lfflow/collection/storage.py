@@ -145,6 +145,16 @@ class RemoteStorage:
         self._fs.makedirs(self._key(name).rpartition("/")[0], exist_ok=True)
         self._fs.pipe_file(self._key(name), data)
 
+    def create(self, name: str, data: bytes) -> bool:
+        """Put the object unless there is one; whether it was put."""
+        if self._fs.exists(self._key(name)):
+            return False
+        try:
+            self._fs.pipe_file(self._key(name), data, mode="create")
+        except OSError:
+            return False
+        return True
+
     def remove(self, name: str) -> None:
         """Remove the object if it is there."""
         with contextlib.suppress(FileNotFoundError):

@@ -11,6 +11,7 @@ from typing import Any
 import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS, CameraModel, view_radius
+from lfflow.run.memory import Extent, calibration_work, disparity_work, lightfield_work
 from lfflow.schema import CALIBRATION, DISPARITY, LIGHTFIELD, Schema
 
 Parameters = Mapping[str, Mapping[str, Any]]
@@ -62,8 +63,8 @@ class Stage:
         Whether it uses the raw frame.
     tables
         Tables of the configuration and the function whose keyword arguments each sets.
-    bytes_per_pixel
-        Peak memory per sensor pixel, for the plan.
+    work
+        Peak bytes that the function needs beside its input, for the plan (`lfflow.run.memory`).
     stored_per_pixel
         Bytes on the disk per sensor pixel, for the plan.
     seconds_per_megapixel
@@ -76,7 +77,7 @@ class Stage:
     upstream: tuple[str, ...]
     function: Callable[[StageInput], xr.Dataset]
     tables: Mapping[str, str] = field(default_factory=dict)
-    bytes_per_pixel: float = 0.0
+    work: Callable[[Extent, Parameters], int] | None = None
     stored_per_pixel: float = 0.0
     seconds_per_megapixel: float = 0.0
     reads_raw: bool = True
@@ -178,12 +179,12 @@ CHAIN = Chain(
     open_lfp,
     (
         Stage("calibration", 1, CALIBRATION, (), _calibration,
-              {"calibration": "lfflow.stages.calibrate:calibrate"}, 60.0, 1.0, 0.2),
+              {"calibration": "lfflow.stages.calibrate:calibrate"}, calibration_work, 1.0, 0.2),
         Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
-              {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, 80.0, 4.0, 0.2),
+              {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, lightfield_work, 4.0, 0.2),
         Stage("disparity", 1, DISPARITY, ("lightfield",), _disparity,
               {"disparity": "lfflow.stages.disparity:disparity",
-               "transpose": "lfflow.stages.transpose:transpose_disparity"}, 90.0, 6.0, 0.5, reads_raw=False),
+               "transpose": "lfflow.stages.transpose:transpose_disparity"}, disparity_work, 6.0, 0.5, reads_raw=False),
     ),
     _draw,
     open_damaged_lfp,

@@ -11,7 +11,9 @@ from lfflow.errors import LfflowError
 from lfflow.run.chain import Chain, Parameters
 
 WHITES = "whites"
-_WHITE_KEYS = ("max_steps",)
+CLUSTER = "cluster"
+_OTHERS = {WHITES: ("max_steps",), CLUSTER: ("tls_ca_file", "tls_client_cert", "tls_client_key", "patience")}
+"""Tables that belong to no stage: nothing depends on them, so that a change redoes nothing."""
 
 
 class ConfigError(LfflowError):
@@ -35,11 +37,11 @@ def check_config(tables: Mapping[str, Any], chain: Chain, where: str = "configur
     """Return the tables, or raise ConfigError."""
     owners = {table: stage for stage in chain.stages for table in stage.tables}
     for name, content in tables.items():
-        if name not in owners and name != WHITES:
-            raise ConfigError(f"{where}: no table [{name}]; there are {_listed([*owners, WHITES])}")
+        if name not in owners and name not in _OTHERS:
+            raise ConfigError(f"{where}: no table [{name}]; there are {_listed([*owners, *_OTHERS])}")
         if not isinstance(content, Mapping):
             raise ConfigError(f"{where}: {name} is no table; write [{name}] and keys below it")
-        valid = _WHITE_KEYS if name == WHITES else owners[name].keywords(name)
+        valid = _OTHERS[name] if name in _OTHERS else owners[name].keywords(name)
         for key in content:
             if key not in valid:
                 raise ConfigError(f"{where}: [{name}] has no key {key!r}; there are {_listed(valid)}")

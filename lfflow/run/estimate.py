@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from lfflow.collection import Collection
-from lfflow.run.batch import Options
 from lfflow.run.chain import CHAIN, Chain
-from lfflow.run.limits import in_flight, task_memory
+from lfflow.run.limits import PROCESS, in_flight, task_memory
+from lfflow.run.options import Options
 from lfflow.run.plan import RUN, Job
 
 
@@ -27,11 +27,14 @@ def estimate(
         seconds += sum(known) / len(known) if known else guess
         written += job.height * job.width * chain[step.stage].stored_per_pixel
     memory = max((task_memory(job, chain) for job, _ in waiting), default=0)
-    lanes = in_flight(memory, options.workers.count, options.memory)
+    workers = options.workers
+    lanes = in_flight(memory, workers.kind, workers.count, options.memory)
+    processes = 1 if workers.kind == "threads" else 1 + lanes
     return {
         "steps": len(waiting),
         "bytes_written": round(written),
         "memory_per_task": memory,
         "tasks_in_flight": lanes,
+        "memory": processes * PROCESS + lanes * memory,
         "seconds": round(seconds / lanes, 1),
     }

@@ -16,6 +16,7 @@ from lfflow.run.task import Status, Work, perform
 
 _log = logging.getLogger(__name__)
 Report = Callable[[tuple[Status, ...]], None]
+_LAST_SECONDS = 600.0
 
 
 class WorkersError(LfflowError):
@@ -58,18 +59,27 @@ class ThreadExecutor:
         self._count = count
 
     def run(self, works: Iterator[Work], report: Report) -> None:
-        """Return when all tasks have been reported."""
-        guard = threading.Lock()
+        """Return when all tasks have been reported; when interrupted, as soon as those at work are."""
+        guard, stop, idle = threading.Lock(), threading.Event(), threading.Semaphore(0)
 
         def lane(_: int) -> None:
-            while True:
-                with guard:
-                    work = next(works, None)
-                if work is None:
-                    return
-                statuses = perform(work)
-                with guard:
-                    report(statuses)
+            try:
+                while not stop.is_set():
+                    with guard:
+                        work = next(works, None)
+                    if work is None:
+                        return
+                    statuses = perform(work)
+                    with guard:
+                        report(statuses)
+            finally:
+                idle.release()
 
         graph = {("lane", number): (lane, number) for number in range(self._count)}
-        dask.threaded.get(graph, list(graph), num_workers=self._count)
+        try:
+            dask.threaded.get(graph, list(graph), num_workers=self._count)
+        except BaseException:
+            stop.set()
+            for _ in range(self._count):
+                idle.acquire(timeout=_LAST_SECONDS)
+            raise

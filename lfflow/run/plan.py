@@ -11,7 +11,7 @@ import pandas as pd
 
 from lfflow.collection import Collection
 from lfflow.collection.collection import needed_stages
-from lfflow.collection.records import FAILED, Record, canonical
+from lfflow.collection.records import FAILED, canonical
 from lfflow.collection.whites import SELF
 from lfflow.run.chain import Chain, Grid, Parameters, Stage
 
@@ -86,9 +86,8 @@ class Planner:
         self._request = request
         self._grids = grids
         self._table = collection.catalogue_rows().set_index("id", drop=False)
-        self._done = {stage.name: collection.ledger.records(stage.name) for stage in chain.stages}
+        self._done = {stage.name: collection.ledger.fingerprints(stage.name) for stage in chain.stages}
         self._failed = {stage.name: collection.ledger.records(stage.name, FAILED) for stage in chain.stages}
-        self._needed: set[str] = set()
 
     def jobs(self, *, kind: str) -> list[Job]:
         """Jobs of the pictures of one kind; those of white images only where a selected scene needs them."""
@@ -97,7 +96,8 @@ class Planner:
     def _rows(self, kind: str) -> Iterator[pd.Series]:
         selected = self._request.captures
         usable = self._table[(self._table["reason"] == "") & (self._table["duplicate_of"] == "")]
-        whites = set(usable[usable["kind"] == "scene"]["white"])
+        scenes = usable[usable["kind"] == "scene"]
+        whites = set(scenes["white"] if selected is None else scenes[scenes["id"].isin(selected)]["white"])
         for name, row in usable[usable["kind"] == kind].iterrows():
             if selected is None or name in selected or (kind == "white" and name in whites):
                 yield row
@@ -134,20 +134,20 @@ class Planner:
         """Fingerprint of a white image's calibration under the present parameters."""
         stage = self._chain["calibration"]
         parameters = {table: self._request.config[table] for table in stage.tables if table in self._request.config}
-        return fingerprint(stage, parameters, _source(self._table.loc[white]), None, {})
+        return fingerprint(stage, parameters, _source(pd.Series(self._table.loc[white])), None, {})
 
     def _decide(self, stage: Stage, capture: str, mark: str, before: list[Step]) -> tuple[str, str]:
         blocker = next((s for s in before if s.stage in stage.upstream and s.action in (FAILED_BEFORE, BLOCKED)), None)
         if blocker is not None:
             return BLOCKED, f"its {blocker.stage} has failed"
         wanted = not self._request.stages or stage.name in self._request.stages
-        record = self._done[stage.name].get(capture)
+        done = self._done[stage.name].get(capture)
         if wanted and self._request.force:
             return RUN, "forced"
-        if record is not None and record.fingerprint == mark:
+        if done == mark:
             return SKIP, "done"
         if not wanted:
-            return (SKIP, "not asked for") if record is not None else (BLOCKED, "not asked for")
+            return (SKIP, "not asked for") if done is not None else (BLOCKED, "not asked for")
         failure = self._failed[stage.name].get(capture)
         if (
             failure is not None
@@ -155,12 +155,9 @@ class Planner:
             and not (failure.transient or self._request.failed_again)
         ):
             return FAILED_BEFORE, failure.reason
-        return RUN, self._reason(stage, record)
-
-    def _reason(self, stage: Stage, record: Record | None) -> str:
-        if record is None:
-            return "not done yet"
-        return f"done with other input, parameters or version ({stage.name} is at version {stage.version})"
+        if done is None:
+            return RUN, "not done yet"
+        return RUN, f"done with other input, parameters or version ({stage.name} is at version {stage.version})"
 
 
 def _source(row: pd.Series) -> str:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lfflow.run.batch import Options
 from lfflow.run.chain import CHAIN, Chain
 from lfflow.run.config import ConfigError, load_config
 from lfflow.run.executors import WorkersError, parse_workers
+from lfflow.run.options import Options
 
 
 def options_from(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import logging
 import os
@@ -30,10 +31,19 @@ from lfflow.run.plan import BLOCKED, FAILED_BEFORE, SKIP, Job, Step
 
 _log = logging.getLogger(__name__)
 _drawing = threading.Lock()
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
 class BlockedError(CollectionError):
     """A stage cannot run because what it needs is not there."""
+
+
+class NotWrittenError(CollectionError):
+    """A result could not be written; `errno` is that of the operating system."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(str(explain(error)))
+        self.errno = error.errno
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +59,17 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What became of one (stage, capture): "done", "kept", "failed" or "blocked"."""
+    """What became of one (stage, capture): "done", "kept", "failed" or "blocked".
+
+    With `halts`, no other capture would fare better: the disk is full or read-only.
+    """
 
     stage: str
     capture: str
     state: str
     reason: str = ""
     seconds: float = 0.0
+    halts: bool = False
 
 
 def perform(work: Work) -> tuple[Status, ...]:
@@ -73,7 +87,10 @@ def perform(work: Work) -> tuple[Status, ...]:
     except Exception as error:  # noqa: BLE001 - a task never raises: its outcome is a status
         done = {status.stage for status in statuses}
         reason = _reason(error)
-        statuses += [Status(s.stage, s.capture, "failed", reason) for s in work.job.steps if s.stage not in done]
+        halts = _halts(error)
+        statuses += [
+            Status(s.stage, s.capture, "failed", reason, halts=halts) for s in work.job.steps if s.stage not in done
+        ]
     return tuple(statuses)
 
 
@@ -90,6 +107,17 @@ def crashed(work: Work, reason: str) -> tuple[Status, ...]:
         if not blocked:
             _record_failure(collection, work.job, step, CollectionError(reason))
         statuses.append(Status(step.stage, step.capture, "blocked" if blocked else "failed", reason))
+    return tuple(statuses)
+
+
+def lost(work: Work, reason: str) -> tuple[Status, ...]:
+    """Statuses of a task that did not come back: what it had finished stays, the rest is for the next run."""
+    ledger = Collection(work.url).ledger
+    statuses = []
+    for step in work.job.steps:
+        record = ledger.find(step.stage, step.capture)
+        done = record is not None and record.fingerprint == step.fingerprint
+        statuses.append(Status(step.stage, step.capture, "kept" if done else "failed", "" if done else reason))
     return tuple(statuses)
 
 
@@ -126,7 +154,8 @@ def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame,
         except Exception as error:  # noqa: BLE001 - whatever goes wrong is this capture's failure and no one else's
             _log.debug("%s of %s", step.stage, step.capture, exc_info=True)
             _record_failure(collection, work.job, step, error)
-            return Status(step.stage, step.capture, "failed", _reason(error), time.perf_counter() - started)
+            seconds = time.perf_counter() - started
+            return Status(step.stage, step.capture, "failed", _reason(error), seconds, _halts(error))
     return Status(step.stage, step.capture, "done", seconds=time.perf_counter() - started)
 
 
@@ -140,18 +169,19 @@ def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame:
         raise BlockedError(f"{stage.name} of {job.capture} has no {missing[0]}")
     result = stage.function(StageInput(raw, results, job.grid, step.parameters, threads))
     result = stage.schema.check(result.compute(), f"result of {stage.name} of {job.capture}")
-    store = collection.store(stage.name)
-    collection.ledger.remove(stage.name, job.capture)
-    files = store.write(job.group, step.slot, result, threads)
-    collection.ledger.write(Record(
-        stage.name, job.capture, DONE, step.fingerprint,
-        source={"path": job.path, "sha256": job.sha256},
-        group=job.group, slot=step.slot, files=files, scalars=store.scalars(result),
-        parameters={name: dict(table) for name, table in step.parameters.items()},
-        upstream={name: mark for name, (_, mark) in step.upstream.items()},
-        versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
-        seconds=round(time.perf_counter() - started, 3),
-    ))  # fmt: skip
+    with _writing():
+        store = collection.store(stage.name)
+        collection.ledger.remove(stage.name, job.capture)
+        files = store.write(job.group, step.slot, result, threads)
+        collection.ledger.write(Record(
+            stage.name, job.capture, DONE, step.fingerprint,
+            source={"path": job.path, "sha256": job.sha256},
+            group=job.group, slot=step.slot, files=files, scalars=store.scalars(result),
+            parameters={name: dict(table) for name, table in step.parameters.items()},
+            upstream={name: mark for name, (_, mark) in step.upstream.items()},
+            versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
+            seconds=round(time.perf_counter() - started, 3),
+        ))  # fmt: skip
 
 
 def _upstream(collection: Collection, stage: str, capture: str, mark: str) -> xr.Dataset:
@@ -176,8 +206,20 @@ def _record_failure(collection: Collection, job: Job, step: Step, error: Excepti
         ))  # fmt: skip
 
 
+@contextlib.contextmanager
+def _writing() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise NotWrittenError(error) from error
+
+
+def _halts(error: Exception) -> bool:
+    return isinstance(error, OSError | NotWrittenError) and error.errno in _NO_ROOM
+
+
 def _reason(error: Exception) -> str:
-    if isinstance(error, FileNotFoundError | PermissionError):
+    if isinstance(error, OSError) and error.filename and error.errno not in _NO_ROOM:
         return f"{error.strerror}: {error.filename}"
     if isinstance(error, OSError):
         return str(explain(error))
