@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import os
 import resource
 import signal
+import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -26,7 +29,7 @@ from format_examples import PRIVATE, metadata_of
 from format_mutations import Container, mutate_bytes, mutate_json
 
 from lfflow.errors import FormatError
-from lfflow.formats.archives import archive_entries
+from lfflow.formats.archives import archive_entries, archive_frame
 from lfflow.formats.container import open_container
 from lfflow.formats.describe import describe
 from lfflow.formats.eslf import open_eslf
@@ -43,6 +46,7 @@ from lfflow.formats.toolbox import open_toolbox
 from lfflow.formats.views import open_views
 
 SECONDS = 10
+SHARE = 10_000
 HEIGHT, WIDTH = 6, 8
 Case = tuple[str, bytes]
 
@@ -215,7 +219,7 @@ def read_archive(path: Path) -> None:
     for entry in archive_entries(path):
         if entry.frame is not None:
             read_frame(entry.frame)
-            xr.open_dataset(entry.path, engine="lfp")
+            archive_frame(entry.path)
 
 
 def read_toolbox(path: Path) -> None:
@@ -263,20 +267,37 @@ def fast_folder() -> str | None:
     return "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # noqa: S108
 
 
-def main() -> None:
+def work(numbers: range) -> tuple[Counter[str], int, float, float]:
+    """Outcomes of some mutants; the process they were fed in, its CPU seconds and its peak memory in MiB so far."""
+    with Path(os.devnull).open("w") as silent:  # libjpeg speaks of every oddity on standard error
+        os.dup2(silent.fileno(), sys.stderr.fileno())
     with tempfile.TemporaryDirectory(dir=fast_folder()) as folder:
-        parser = argparse.ArgumentParser(description=__doc__)
-        parser.add_argument("--mutations", type=int, default=1_000_000)
-        parser.add_argument("--first", type=int, default=0)
-        arguments = parser.parse_args()
-        begin = time.process_time()
         bound_memory(2 << 30)
-        outcomes = run(iter(range(arguments.first, arguments.first + arguments.mutations)), Path(folder))
-        seconds = time.process_time() - begin
+        outcomes = run(iter(numbers), Path(folder))
+    return outcomes, os.getpid(), time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--mutations", type=int, default=1_000_000)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    arguments = parser.parse_args()
+    last = arguments.first + arguments.mutations
+    shares = [range(first, min(first + SHARE, last)) for first in range(arguments.first, last, SHARE)]
+    outcomes: Counter[str] = Counter()
+    seconds: dict[int, float] = {}
+    highest = 0.0
+    with ProcessPoolExecutor(arguments.workers, multiprocessing.get_context("spawn")) as pool:
+        for counted, process, used, peak in pool.map(work, shares):
+            outcomes += counted
+            seconds[process] = used
+            highest = max(peak, highest)
+            print(f"{outcomes.total()} mutants", file=sys.stderr)  # noqa: T201
     for outcome, count in sorted(outcomes.items()):
         print(f"{outcome:32} {count}")  # noqa: T201
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{outcomes.total()} mutants, none unhandled; {seconds:.0f} CPU s, peak memory {peak:.0f} MiB")  # noqa: T201
+    used = sum(seconds.values())
+    print(f"{outcomes.total()} mutants, none unhandled; {used:.0f} CPU s, peak memory {highest:.0f} MiB")  # noqa: T201
 
 
 if __name__ == "__main__":
