@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,8 @@ from lfflow.collection.storage import Storage
 from lfflow.errors import SchemaError
 from lfflow.kernels.threads import each
 from lfflow.schema import Schema, Variable
+
+_PATIENCE, _PAUSE_SECONDS = 20, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,11 @@ class Store:
         if manifest:
             self.check(group, manifest)
         after = (*before, *(name for name in captures if name not in set(before)))
-        document = {"sizes": dict(sizes), "captures": list(after), "schema_version": self.schema.version}
-        self._replace(self._manifest_name(group), sealed(document))
         if after != before or not manifest:
             self._write_small(template.build(self.schema, group, sizes, after, {}, values=not manifest))
+        # Last: a slot that the manifest names has its place in every array, also after a crash in between.
+        document = {"sizes": dict(sizes), "captures": list(after), "schema_version": self.schema.version}
+        self._replace(self._manifest_name(group), sealed(document))
         return {name: slot for slot, name in enumerate(after)}
 
     def check(self, group: str, manifest: Manifest) -> None:
@@ -96,7 +100,8 @@ class Store:
                 self.storage.write(name, wanted)
                 continue
             differences = template.differences(found, wanted)
-            if differences and template.looks_rotten(found, wanted):
+            rotten = template.looks_rotten(found, wanted) if differences else template.is_shorter(found, wanted)
+            if rotten:
                 self.storage.write(name, wanted)
             elif differences:
                 raise SchemaError(f"{name} differs from its declaration: " + "; ".join(differences))
@@ -176,7 +181,18 @@ class Store:
         return encode(ds, self.schema)
 
     def open(self, group: str) -> xr.Dataset:
-        """All slots of a group, lazily, without dask; what is finished is for the ledger to say."""
+        """All slots of a group, lazily, without dask; what is finished is for the ledger to say.
+
+        While a run lets the group grow, its arrays differ in length for a moment: that moment is waited for.
+        """
+        for _ in range(_PATIENCE):
+            try:
+                return self._open(group)
+            except (ValueError, FileNotFoundError):
+                time.sleep(_PAUSE_SECONDS)
+        return self._open(group)
+
+    def _open(self, group: str) -> xr.Dataset:
         return xr.open_dataset(self._zarr, engine="zarr", group=group, chunks=None, consolidated=False)
 
 

@@ -38,7 +38,7 @@ def open_fake(path: str) -> xr.Dataset:
             "kind": told["kind"], "camera_serial": told["serial"], "camera_model": told.get("model", "T1"),
             "zoom_step": told["zoom"], "focus_step": told["focus"], "iso": told.get("iso", 100.0),
             "time": np.datetime64(told.get("time", "2020-01-01"), "ns"), "temperature": 20.0,
-            "pixel_pitch": 1.4e-6, "lens_pitch": told.get("lens_pitch", 7e-6),
+            "pixel_pitch": 1.4e-6, "lens_pitch": told.get("lens_pitch", 4.2e-6),
         },
         attrs={"behaviour": told.get("behaviour", "")},
     )  # fmt: skip
