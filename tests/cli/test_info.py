@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from broken_examples import BROKEN, picture
+from format_examples import PRIVATE, metadata_of
 
 from lfflow.cli import main
 from lfflow.formats.archives import write_storage
+from lfflow.formats.describe import NO_CHECKSUM
 from lfflow.formats.eslf import write_eslf
 from lfflow.formats.pfm import write_pfm
 from lfflow.formats.png import write_png
+from lfflow.formats.raw_pair import write_pair
 from lfflow.formats.toolbox import write_toolbox
 from lfflow.formats.views import write_views
 
@@ -104,3 +109,76 @@ def test_nothing_there(info, tmp_path) -> None:
     (tmp_path / "empty.lfp").touch()
     assert "empty file" in info(tmp_path / "empty.lfp")[2]
     shutil.rmtree(tmp_path)
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_file_is_one_line(info, tmp_path, name) -> None:
+    make, _, parts = BROKEN[name]
+    code, out, err = info(make(tmp_path))
+    assert code == 1
+    assert err.count("\n") == 1
+    assert err.startswith("lfflow: ")
+    assert "Traceback" not in out + err
+    if name.startswith("a flipped bit in the metadata"):
+        return
+    for part in parts:
+        assert part in err
+
+
+def test_the_command_itself_says_one_line(tmp_path) -> None:
+    """In a process of its own, where libraries could speak on standard error."""
+    for name in ("a view with a flipped bit", "a PNG bomb", "cut in the image"):
+        (tmp_path / name).mkdir()
+        path = BROKEN[name][0](tmp_path / name)
+        done = subprocess.run(
+            [sys.executable, "-m", "lfflow", "info", path], capture_output=True, text=True, check=False
+        )
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.count("\n") == 1
+
+
+def test_damage_is_accepted_and_recorded(info, tmp_path) -> None:
+    path = tmp_path / "a.lfp"
+    data = bytearray(picture(path))
+    data[-30] ^= 1
+    path.write_bytes(data)
+    code, _, err = info(path)
+    assert code == 1
+    assert "frame.imageRef): wrong SHA-1" in err
+    code, out, err = info(path, "--accept-damaged", "--json")
+    assert (code, err) == (0, "")
+    described = json.loads(out)
+    assert "wrong SHA-1" in described["damaged"][0]
+    assert [section["state"] for section in described["sections"]] == ["right", "right", "right", "wrong"]
+    path.write_bytes(picture(path) + b"rubbish behind it")
+    assert info(path)[0] == 1
+    code, out, _ = info(path, "--accept-damaged")
+    assert code == 0
+    assert "bytes 72 75 62 62" in out
+
+
+def test_a_folder_of_strangers(info, tmp_path) -> None:
+    kept = {name: make for name, (make, *_) in BROKEN.items() if name in ("empty", "cut in the image", "a JPEG")}
+    for number, make in enumerate(kept.values()):
+        (tmp_path / f"x{number}").mkdir()
+        make(tmp_path / f"x{number}").rename(tmp_path / f"{number}.lfp")
+    picture(tmp_path / "good.lfp")
+    code, out, err = info(tmp_path)
+    assert (code, err) == (2, "")
+    kinds = {row["path"].split("/")[-1]: row["kind"] for row in json.loads(info(tmp_path, "--json")[1])}
+    assert kinds == {
+        "0.lfp": "unknown", "1.lfp": "unknown", "2.lfp": "broken", "good.lfp": "raw picture", "x0": "folder",
+        "x1": "folder", "x2": "folder",
+    }  # fmt: skip
+    assert len({line.index("kind") for line in out.splitlines()[:1]}) == 1
+
+
+def test_what_tells_damage(info, tmp_path) -> None:
+    picture(tmp_path / "a.lfp")
+    write_png(tmp_path / "b.png", np.zeros((2, 3), np.uint8))
+    write_pfm(tmp_path / "c.pfm", np.zeros((2, 3)))
+    write_pair(tmp_path / "MOD_0001.RAW", np.zeros((4, 6), np.uint16), metadata_of("f01", 4, 6), PRIVATE)
+    rows = json.loads(info(tmp_path, "--json")[1])
+    assert {row["path"].split("/")[-1]: row["checksum"] for row in rows} == {
+        "a.lfp": "SHA-1", "b.png": "CRC-32", "c.pfm": NO_CHECKSUM, "MOD_0001.RAW": NO_CHECKSUM,
+    }  # fmt: skip
