@@ -76,7 +76,7 @@ def save(storage: Storage, table: pd.DataFrame) -> None:
     try:
         old = hashlib.sha256(storage.read(FILE)).hexdigest()
     except FileNotFoundError:
-        old = new
+        old = ""
     if old == new and _sealed(storage) == [new]:
         return
     storage.write(_SEAL, json.dumps([old, new]).encode())

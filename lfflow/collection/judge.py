@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 
 from lfflow.conventions import SITES
-from lfflow.kernels.flatness import TILE, Flatness, flatness
+from lfflow.kernels.flatness import MIN_TILES, TILE, Flatness, flatness
 
 TOLD, CAMERA, CONTENT = "told", "camera", "content"
-_BANDS = (0.25, 0.5, 0.75)
+_BANDS = (0.2, 0.5, 0.8)
 _BAND_ROWS = 4 * TILE
 
 
@@ -27,12 +27,12 @@ def judge(raw: xr.Dataset, told: str = "") -> tuple[str, str]:
     if tagged != "scene":
         return tagged, CAMERA
     rows = raw.sizes["y"]
+    if rows < MIN_TILES * TILE:
+        return tagged, CAMERA
     for place in _BANDS:
-        start = max(0, min(int(place * rows) - _BAND_ROWS // 2, rows - _BAND_ROWS)) // 2 * 2
+        start = int(place * (rows - _BAND_ROWS)) // 2 * 2
         band = _flatness(raw, slice(start, start + _BAND_ROWS))
-        if band is None:
-            return tagged, CAMERA
-        if not band.may_be_even:
+        if band is not None and not band.may_be_even:
             return "scene", CONTENT
     whole = _flatness(raw, slice(None))
     return (tagged, CAMERA) if whole is None else (whole.kind, CONTENT)
@@ -40,8 +40,6 @@ def judge(raw: xr.Dataset, told: str = "") -> tuple[str, str]:
 
 def _flatness(raw: xr.Dataset, rows: slice) -> Flatness | None:
     frame = raw["raw"].transpose("y", "x").isel(y=rows)
-    if min(frame.shape) < _BAND_ROWS:
-        return None
     return flatness(frame.values, _by_place(raw, "black_level", 0.0), _by_place(raw, "white_level", 65535.0))
 
 
