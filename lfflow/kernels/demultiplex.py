@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
+from lfflow.distortion import STRAIGHT, Distortion
 from lfflow.kernels.radiometry import colour_tile, level_tiles
 from lfflow.lattice import Lattice
 
@@ -40,15 +41,18 @@ def round_to_pixel(position: npt.ArrayLike) -> npt.NDArray[np.int64]:
     return np.floor(np.asarray(position, dtype=np.float64) + 0.5).astype(np.int64)
 
 
-def rounded_centres(lattice: Lattice, shape: tuple[int, int]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Pixels (x, y) nearest to the lens centres of a grid of `shape` (rows, columns); each (t, s)."""
-    x, y = lattice.centres(np.arange(shape[0])[:, np.newaxis], np.arange(shape[1]))
-    return round_to_pixel(x), round_to_pixel(y)
+def lens_centres(
+    lattice: Lattice, t: npt.ArrayLike, s: npt.ArrayLike, distortion: Distortion = STRAIGHT
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Centres (x, y) of the lenses of rows `t` and columns `s`, sensor pixels, each (t, s)."""
+    return distortion.moved(lattice.centres(np.asarray(t)[:, np.newaxis], np.asarray(s)))
 
 
-def residuals(lattice: Lattice, shape: tuple[int, int]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def residuals(
+    lattice: Lattice, t: npt.ArrayLike, s: npt.ArrayLike, distortion: Distortion = STRAIGHT
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """ρ = rounded centre − centre in x and y, pixels, each (t, s): sample (u, v) was taken at aperture (u, v) + ρ."""
-    x, y = lattice.centres(np.arange(shape[0])[:, np.newaxis], np.arange(shape[1]))
+    x, y = lens_centres(lattice, t, s, distortion)
     return round_to_pixel(x) - x, round_to_pixel(y) - y
 
 
@@ -69,21 +73,28 @@ def demultiplex_frame(
     white: npt.NDArray[np.float64],
     pattern: str,
     out: FieldArrays,
+    distortion: Distortion = STRAIGHT,
 ) -> None:
     """Write the samples of one frame (y, x) into `out` (v, u, t, s), which must hold no sample (`empty_field`).
 
     ``lattice`` is numbered for the grid of `out`; ``vignetting`` (y, x) is 1 at its peak; pixels with any flag are
     left out, and so are those with a vignetting below `MIN_VIGNETTING`. ``black`` and ``white`` (4,) are counts at the
-    sites (r, gr, gb, b). Radiance is (raw − black)/(white − black)/vignetting, the weight is the vignetting.
+    sites (r, gr, gb, b). ``distortion`` bends the lattice. Radiance is
+    (raw − black)/(white − black)/vignetting, the weight is the vignetting.
     """
     shape = (out.mosaic.shape[2], out.mosaic.shape[3])
-    centre_x, centre_y = rounded_centres(lattice, shape)
+    x, y = lens_centres(lattice, np.arange(shape[0]), np.arange(shape[1]), distortion)
+    bend = np.zeros((2, 0, 0))
+    if not distortion.straight:
+        straight_x, straight_y = lens_centres(lattice, np.arange(shape[0]), np.arange(shape[1]))
+        bend = np.stack([x - straight_x, y - straight_y])
     _scatter(
         np.ascontiguousarray(raw),
         np.ascontiguousarray(vignetting, dtype=np.float32),
         np.ascontiguousarray(pixel_flags, dtype=np.uint8),
-        centre_x.astype(np.int32),
-        centre_y.astype(np.int32),
+        round_to_pixel(x).astype(np.int32),
+        round_to_pixel(y).astype(np.int32),
+        bend,
         (math.cos(lattice.theta), math.sin(lattice.theta), lattice.dh, lattice.dv, lattice.cx, lattice.cy),
         lattice.arrangement == "hexagonal",
         level_tiles(black, white, pattern),
@@ -116,7 +127,7 @@ def owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: 
 
 @numba.njit(nogil=True, cache=True)
 def _scatter(  # type: ignore[no-untyped-def]
-    raw, vignetting, flags, centre_x, centre_y, geometry, hexagonal, levels, colours, mosaic, cfa, weight
+    raw, vignetting, flags, centre_x, centre_y, bend, geometry, hexagonal, levels, colours, mosaic, cfa, weight
 ):  # pragma: no cover - compiled
     cos, sin, dh, dv, cx, cy = geometry
     black, gain, white = levels
@@ -133,6 +144,10 @@ def _scatter(  # type: ignore[no-untyped-def]
                 continue
             px = x - cx
             t, s = owner((cos * px + sin * py) / dh, (-sin * px + cos * py) / dv, hexagonal)
+            if bend.size:
+                near_t, near_s = min(max(t, 0), rows - 1), min(max(s, 0), columns - 1)
+                bx, by = px - bend[0, near_t, near_s], py - bend[1, near_t, near_s]
+                t, s = owner((cos * bx + sin * by) / dh, (-sin * bx + cos * by) / dv, hexagonal)
             if t < 0 or t >= rows or s < 0 or s >= columns:
                 continue
             u = x - centre_x[t, s] + radius_u

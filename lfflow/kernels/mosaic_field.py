@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
+from lfflow.distortion import STRAIGHT, Distortion
+from lfflow.kernels.demultiplex import residuals
 from lfflow.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float32]
@@ -60,6 +62,7 @@ def mosaic_field(
     weight: npt.NDArray[Any],
     axes: tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]],
     lattice: Lattice,
+    distortion: Distortion = STRAIGHT,
 ) -> MosaicField:
     """Field of the samples (v, u, t, s) with the coordinates `axes` = (v, u, t, s); places without sample are cleared.
 
@@ -69,8 +72,7 @@ def mosaic_field(
     v, u, t, s = axes
     with np.errstate(invalid="ignore"):
         present = (cfa != CFA_NONE) & np.isfinite(mosaic) & (weight > 0)
-    x, y = lattice.centres(np.asarray(t)[:, None], np.asarray(s)[None, :])
-    rho = np.stack([np.floor(x + 0.5) - x, np.floor(y + 0.5) - y]).astype(np.float32)
+    rho = np.stack(residuals(lattice, t, s, distortion)).astype(np.float32)
     return MosaicField(
         np.where(present, mosaic, 0).astype(np.float32),
         np.where(present, cfa, CFA_NONE).astype(np.uint8),

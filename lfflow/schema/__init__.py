@@ -1,7 +1,13 @@
 """Declarations of every dataset that lfflow makes or stores."""
 
 from lfflow.schema.declarations import CALIBRATION, DISPARITY, LIGHTFIELD, RAW, SCHEMAS, VIEWS
-from lfflow.schema.lattice_variables import PARAMETERS, lattice_of, lattice_variables
+from lfflow.schema.lattice_variables import (
+    PARAMETERS,
+    distortion_numbers,
+    distortion_of,
+    lattice_of,
+    lattice_variables,
+)
 from lfflow.schema.spec import Issue, Schema, Variable
 
 __all__ = [
@@ -15,6 +21,8 @@ __all__ = [
     "Issue",
     "Schema",
     "Variable",
+    "distortion_numbers",
+    "distortion_of",
     "lattice_of",
     "lattice_variables",
 ]

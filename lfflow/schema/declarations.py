@@ -16,6 +16,20 @@ _LENSES = (
     Variable("t", ("t",), "int64", "lens row", "1", axis=True),
     Variable("s", ("s",), "int64", "lens column in the brick layout", "1", axis=True),
 )
+_BEND_AXES = (
+    Variable("axis", ("axis",), "string", "direction on the sensor: x right, y down", axis=True, required=False),
+    Variable("term", ("term",), "int64", "0: half the sensor; then the terms of `lfflow.distortion`", axis=True,
+             required=False),
+)  # fmt: skip
+
+
+def _distortion(*, coordinate: bool) -> Variable:
+    return Variable(
+        "distortion", ("axis", "term"), "float64", "bend of the lattice: displacement of the centres from it", "pixel",
+        coordinate=coordinate, required=False,
+    )  # fmt: skip
+
+
 _CHANNEL = (Variable("channel", ("channel",), "string", "colour channel", axis=True, required=False),)
 
 _LATTICE = (
@@ -112,6 +126,19 @@ CALIBRATION = Schema(
         Variable("residual_rms", (), "float64", "rms distance of the measured centres from the lattice", "pixel"),
         Variable("lens_count", (), "int64", "number of lenses used"),
         Variable("method", (), "uint8", "what the lattice was measured on", flags=METHOD_FLAGS),
+        *_BEND_AXES,
+        _distortion(coordinate=False),
+        Variable(
+            "distortion_rms",
+            (),
+            "float64",
+            "rms of the smooth bend of the measured centres, corrected or not",
+            "pixel",
+            required=False,
+        ),
+        Variable(
+            "distortion_chance", (), "float64", "probability that a straight lattice shows as much", required=False
+        ),
         Variable("vignetting", ("y", "x"), "float32", "relative illumination, 1 at its peak", keep_bits=12),
         Variable("pixel_flags", ("y", "x"), "uint8", "sensor pixels not to be used", flags=PIXEL_FLAGS, flag_bits=True),
     ),
@@ -132,6 +159,8 @@ LIGHTFIELD = Schema(
         Variable("weight", ("v", "u", "t", "s"), "float32", "confidence by vignetting, 0 to 1", keep_bits=7),
         *scalars(_LATTICE, coordinate=True),
         _arrangement(coordinate=True),
+        *_BEND_AXES,
+        _distortion(coordinate=True),
         Variable("orientation", (), "int64", "EXIF orientation", coordinate=True, required=False),
         Variable("white_image", (), "string", "white image of the calibration", coordinate=True, required=False),
         Variable("white_distance", (), "float64", "zoom and focus steps to the white image", coordinate=True,

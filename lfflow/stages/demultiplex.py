@@ -11,10 +11,11 @@ import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS, view_radius
 from lfflow.conventions import FIELD_DIMS, SENSOR_DIMS, SITES
+from lfflow.distortion import Distortion
 from lfflow.errors import LfflowError
 from lfflow.kernels.demultiplex import FieldArrays, demultiplex_frame, empty_field
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import LIGHTFIELD, PARAMETERS
+from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
 
 _LATTICE_NAMES = (*PARAMETERS, "arrangement")
 
@@ -68,10 +69,11 @@ def demultiplex(
         _whole(cal["vignetting"].variable),
         _whole(cal["pixel_flags"].variable),
         *(_sites(raw[name]) for name in ("black_level", "white_level")),
+        distortion_numbers(cal).variable,
         raw["cfa_pattern"].variable,
         *lattice,
         kwargs={"shape": shape, "radius": radius},
-        input_core_dims=[SENSOR_DIMS] * 3 + [("site",)] * 2 + [()] * 7,
+        input_core_dims=[SENSOR_DIMS] * 3 + [("site",)] * 2 + [("axis", "term")] + [()] * 7,
         output_core_dims=[FIELD_DIMS] * 3,
         dask="parallelized",
         output_dtypes=[np.float32, np.uint8, np.float32],
@@ -81,6 +83,8 @@ def demultiplex(
     )
     field = xr.Dataset({"mosaic": mosaic, "cfa": cfa, "weight": weight}, coords=_axes(shape, radius))
     field = field.assign_coords(dict(zip(_LATTICE_NAMES, lattice, strict=True)))
+    if "distortion" in cal.variables:
+        field = field.assign_coords(distortion=distortion_numbers(cal))
     field = field.assign_coords(_carried(raw) | _white_image(cal))
     return LIGHTFIELD.annotate(field)
 
@@ -152,6 +156,7 @@ def _demultiplex_block(
     flags: npt.NDArray[Any],
     black: npt.NDArray[Any],
     white: npt.NDArray[Any],
+    distortion: npt.NDArray[Any],
     pattern: npt.NDArray[Any],
     *numbers: npt.NDArray[Any],
     shape: tuple[int, int],
@@ -159,12 +164,13 @@ def _demultiplex_block(
 ) -> tuple[npt.NDArray[Any], ...]:
     scalars = [np.asarray(array) for array in (pattern, *numbers)]
     outer = np.broadcast_shapes(
-        *(array.shape[:-2] for array in (raw, vignetting, flags)),
+        *(array.shape[:-2] for array in (raw, vignetting, flags, distortion)),
         *(array.shape[:-1] for array in (black, white)),
         *(array.shape for array in scalars),
     )
     raw, vignetting, flags = (np.broadcast_to(a, outer + a.shape[-2:]) for a in (raw, vignetting, flags))
     black, white = (np.broadcast_to(a, outer + a.shape[-1:]) for a in (black, white))
+    distortion = np.broadcast_to(distortion, outer + distortion.shape[-2:])
     patterns, *lattice_numbers = (np.broadcast_to(a, outer) for a in scalars)
     views = 2 * radius + 1
     out = empty_field((*outer, views, views, *shape))
@@ -178,6 +184,7 @@ def _demultiplex_block(
             white=white[index],
             pattern=str(patterns[index]),
             out=FieldArrays(out.mosaic[index], out.cfa[index], out.weight[index]),
+            distortion=Distortion(distortion[index]),
         )
     return out.mosaic, out.cfa, out.weight
 

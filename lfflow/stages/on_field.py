@@ -10,10 +10,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.conventions import FIELD_DIMS
+from lfflow.distortion import Distortion
 from lfflow.errors import SchemaError
 from lfflow.kernels.mosaic_field import MosaicField, mosaic_field
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import PARAMETERS
+from lfflow.schema import PARAMETERS, distortion_numbers
 
 LATTICE_NAMES = (*PARAMETERS, "arrangement")
 _SAMPLES = ("mosaic", "cfa", "weight")
@@ -39,10 +40,10 @@ def on_field(
         raise SchemaError(f"dataset is no light field: it has no {', '.join(missing)}")
 
     def one_capture(*arrays: Any) -> Any:
-        mosaic, cfa, weight, v, u, t, s, dh, dv, theta, cx, cy, arrangement = arrays
+        mosaic, cfa, weight, v, u, t, s, bend, dh, dv, theta, cx, cy, arrangement = arrays
         numbers = float(dh), float(dv), float(theta), float(cx), float(cy)
         lattice = Lattice(*numbers, ARRANGEMENTS[int(arrangement)])
-        out = function(mosaic_field(mosaic, cfa, weight, (v, u, t, s), lattice))
+        out = function(mosaic_field(mosaic, cfa, weight, (v, u, t, s), lattice, Distortion(bend)))
         return out if len(out) > 1 else out[0]
 
     samples = [lf[name].variable for name in _SAMPLES]
@@ -50,12 +51,13 @@ def on_field(
     arrays = [
         *(xr.DataArray(variable) for variable in whole),
         *(xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS),
+        distortion_numbers(lf),
         *(xr.DataArray(lf[name].variable) for name in LATTICE_NAMES),
     ]
     result = xr.apply_ufunc(
         one_capture,
         *arrays,
-        input_core_dims=[list(FIELD_DIMS)] * 3 + [[dim] for dim in FIELD_DIMS] + [[]] * 6,
+        input_core_dims=[list(FIELD_DIMS)] * 3 + [[dim] for dim in FIELD_DIMS] + [["axis", "term"]] + [[]] * 6,
         output_core_dims=[list(dims) for dims, _ in outputs],
         vectorize=True,
         dask="parallelized",

@@ -11,13 +11,14 @@ import xarray as xr
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from lfflow.conventions import CFA_NONE, CHANNELS, FIELD_DIMS
+from lfflow.distortion import Distortion
 from lfflow.errors import SchemaError
-from lfflow.kernels.demultiplex import round_to_pixel
+from lfflow.kernels.demultiplex import residuals
 from lfflow.kernels.gather import Rule, Samples, Targets, gather
 from lfflow.kernels.guided import fill_colours
 from lfflow.kernels.warp import read_disparity
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import DISPARITY, VIEWS, lattice_of
+from lfflow.schema import DISPARITY, VIEWS, distortion_numbers, lattice_of
 from lfflow.stages.grid import Grid, grid_from, grid_of, square_lattice
 from lfflow.stages.on_field import LATTICE_NAMES
 
@@ -77,15 +78,16 @@ def reconstruct_views(
     rule = rule or Rule(neighbours=1 if scale is None else 2)
 
     def one(*args: Any) -> tuple[Array, Array, Array, Array]:
-        return _one_view(args[:5], args[5:11], args[11:13], args[13:], scale=scale, rule=rule)
+        return _one_view(args[:5], args[5:12], args[12:14], args[14:], scale=scale, rule=rule)
 
     parts = xr.apply_ufunc(
         one,
         *arrays,
         *(_plain(lf[name]) for name in LATTICE_NAMES),
+        distortion_numbers(lf),
         *_view_tasks(wanted, arrays),
         *(xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS),
-        input_core_dims=[list(FIELD_DIMS)] * 5 + [[]] * 8 + [[dim] for dim in FIELD_DIMS],
+        input_core_dims=[list(FIELD_DIMS)] * 5 + [[]] * 6 + [["axis", "term"], [], []] + [[dim] for dim in FIELD_DIMS],
         output_core_dims=[["t_out", "s_out", "channel"], *([["t_out", "s_out"]] * 3)],
         vectorize=True,
         dask="parallelized",
@@ -167,7 +169,8 @@ def _sizes(geometry: tuple[Array, Array]) -> dict[str, int]:
 def _coords(
     lf: xr.Dataset, wanted: Mapping[str, Array], geometry: tuple[Array, Array], scale: float | None
 ) -> dict[str, Any]:
-    kept = {name: coord.variable for name, coord in lf.coords.items() if not {"v", "u", "t", "s"} & set(coord.dims)}
+    own = {"v", "u", "t", "s", "axis", "term"}
+    kept = {name: coord.variable for name, coord in lf.coords.items() if not own & set(coord.dims)}
     axes = {dim: (dim, values.astype(np.int64) if np.all(values == np.rint(values)) else values)
             for dim, values in wanted.items()}  # fmt: skip
     out: dict[str, Any] = {
@@ -200,7 +203,8 @@ def _one_view(
     numbers = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(lattice[5])])
     grid = grid_from(numbers.dh, numbers.dv, int(lattice[5]))
     near = int(np.argmin(np.abs(v - target_v))), int(np.argmin(np.abs(u - target_u)))
-    samples = _samples(numbers, grid, (mosaic, cfa, weight, disparity), (v, u, t, s), reach=rule.reach, view=view)
+    rho = np.stack(residuals(numbers, t, s, Distortion(lattice[6]))).astype(np.float32)
+    samples = _samples(rho, grid, (mosaic, cfa, weight, disparity), (v, u, t, s), reach=rule.reach, view=view)
     x, y = _places(grid, t, s, scale)
     doubt = _doubt(disparity[near], std[near])
     off_grid = (target_u - u[near[1]], target_v - v[near[0]])
@@ -228,7 +232,7 @@ def _doubt(disparity: Array, std: Array) -> Array:
 
 
 def _samples(
-    lattice: Lattice,
+    residual: Array,
     grid: Grid,
     fields: Sequence[Array],
     axes: Sequence[Array],
@@ -238,12 +242,10 @@ def _samples(
 ) -> Samples:
     """Views that hold samples and lie within reach, as the kernel wants them."""
     mosaic, cfa, weight, disparity = fields
-    v, u, t, s = axes
+    v, u, t, _ = axes
     at_v, at_u = np.meshgrid(v, u, indexing="ij")
     near = (np.abs(at_v - float(view[0])) <= reach) & (np.abs(at_u - float(view[1])) <= reach)
     keep = near & (cfa != CFA_NONE).any(axis=(2, 3))
-    x, y = lattice.centres(t[:, np.newaxis], s)
-    residual = np.stack([round_to_pixel(x) - x, round_to_pixel(y) - y]).astype(np.float32)
     return Samples(
         mosaic[keep],
         weight[keep],

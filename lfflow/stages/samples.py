@@ -6,8 +6,9 @@ import numpy as np
 import xarray as xr
 
 from lfflow.conventions import CFA_NONE, FROM_LFTOOLBOX, LENS_DIMS, TO_LFTOOLBOX
+from lfflow.distortion import Distortion
 from lfflow.kernels.demultiplex import MIN_VIGNETTING, residuals
-from lfflow.schema import PARAMETERS
+from lfflow.schema import PARAMETERS, distortion_numbers
 from lfflow.stages.demultiplex import lattices_from
 
 USABLE_WEIGHT = 0.1
@@ -27,8 +28,10 @@ def residual(lf: xr.Dataset) -> xr.Dataset:
     shape = (lf.sizes["t"], lf.sizes["s"])
     rho = xr.apply_ufunc(
         _residual_block,
+        distortion_numbers(lf),
         *(lf[name].reset_coords(drop=True) for name in (*PARAMETERS, "arrangement")),
-        kwargs={"shape": shape, "t0": int(lf["t"][0]), "s0": int(lf["s"][0])},
+        kwargs={"t": lf["t"].values, "s": lf["s"].values},
+        input_core_dims=[("axis", "term"), *[()] * 6],
         output_core_dims=[LENS_DIMS, LENS_DIMS],
         dask="parallelized",
         output_dtypes=[np.float64, np.float64],
@@ -57,10 +60,9 @@ def from_lftoolbox(lf: xr.Dataset) -> xr.Dataset:
     return lf.rename(FROM_LFTOOLBOX).transpose(..., "v", "u", "t", "s", "channel", "channel_in", missing_dims="ignore")
 
 
-def _residual_block(*numbers, shape, t0, s0):  # type: ignore[no-untyped-def]
-    outer = np.broadcast_shapes(*(np.shape(number) for number in numbers))
-    found = [
-        residuals(lattice, (t0 + shape[0], s0 + shape[1]))
-        for lattice in lattices_from([np.asarray(n) for n in numbers])
-    ]
-    return tuple(np.array([pair[axis][t0:, s0:] for pair in found]).reshape((*outer, *shape)) for axis in (0, 1))
+def _residual_block(distortion, *numbers, t, s):  # type: ignore[no-untyped-def]
+    outer = np.broadcast_shapes(distortion.shape[:-2], *(np.shape(number) for number in numbers))
+    bends = np.broadcast_to(distortion, outer + distortion.shape[-2:]).reshape(-1, *distortion.shape[-2:])
+    lattices = lattices_from([np.broadcast_to(number, outer) for number in numbers])
+    found = [residuals(lattice, t, s, Distortion(bend)) for lattice, bend in zip(lattices, bends, strict=True)]
+    return tuple(np.array([pair[axis] for pair in found]).reshape((*outer, len(t), len(s))) for axis in (0, 1))
