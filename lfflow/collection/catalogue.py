@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from lfflow.collection.storage import Storage
@@ -31,20 +33,21 @@ class DamagedCatalogueError(CollectionError):
     """The catalogue does not match its checksum."""
 
 
-def frame(rows: Iterable[Row] | pd.DataFrame) -> pd.DataFrame:
+def frame(rows: Iterable[Row]) -> pd.DataFrame:
     """Catalogue with its columns and dtypes, sorted by id; what a row lacks is "", 0, False, NaN or NaT."""
-    known = rows.reindex(columns=list(COLUMNS)) if isinstance(rows, pd.DataFrame) else None
-    table = pd.DataFrame(list(rows), columns=list(COLUMNS)) if known is None else known
-    for name in TEXT:
-        table[name] = table[name].astype("object").where(table[name].notna(), "").astype("str")
-    for name in WHOLE:
-        table[name] = pd.to_numeric(table[name].astype("object").fillna(0)).astype("int64")
-    for name in FLAGS:
-        table[name] = pd.to_numeric(table[name].astype("object").fillna(0)).astype("bool")
-    for name in NUMBERS:
-        table[name] = pd.to_numeric(table[name]).astype("float64")
-    table["time"] = pd.to_datetime(table["time"]).astype("datetime64[ns]")
-    return table.sort_values("id", kind="stable", ignore_index=True)
+    rows = sorted(rows, key=lambda row: str(row["id"]))
+    columns: dict[str, Any] = {name: pd.array([str(_or(row, name, "")) for row in rows], dtype="str") for name in TEXT}
+    columns |= {name: np.array([int(_or(row, name, 0)) for row in rows], dtype="int64") for name in WHOLE}
+    columns |= {name: np.array([bool(_or(row, name, 0)) for row in rows], dtype="bool") for name in FLAGS}
+    columns |= {name: np.array([float(_or(row, name, math.nan)) for row in rows], dtype="float64") for name in NUMBERS}
+    times = pd.to_datetime(pd.Series([row.get("time") for row in rows], dtype="object"))
+    columns["time"] = times.astype("datetime64[ns]")
+    return pd.DataFrame({name: columns[name] for name in COLUMNS})
+
+
+def _or(row: Row, name: str, default: Any) -> Any:
+    value = row.get(name)
+    return default if value is None or value is pd.NA or value != value else value
 
 
 def rows_of(table: pd.DataFrame) -> list[Row]:
@@ -60,7 +63,8 @@ def load(storage: Storage) -> pd.DataFrame:
         return frame([])
     if hashlib.sha256(data).hexdigest() not in _sealed(storage):
         raise DamagedCatalogueError(f"{FILE} of {storage.url} does not match its checksum")
-    return frame(pd.read_parquet(io.BytesIO(data)))
+    table = pd.read_parquet(io.BytesIO(data))
+    return table if tuple(table.columns) == COLUMNS else frame(rows_of(table))
 
 
 def save(storage: Storage, table: pd.DataFrame) -> None:
