@@ -55,6 +55,15 @@ class Store:
             return self._manifest_from_arrays(group)
         return Manifest(document["sizes"], tuple(document["captures"]))
 
+    def manifest_damage(self, group: str) -> str:
+        """What is wrong with the file of a group's sizes and slots; empty when nothing is."""
+        name = self._manifest_name(group)
+        try:
+            unsealed(self.storage.read(name), name)
+        except (FileNotFoundError, DamagedRecordError) as error:
+            return str(error)
+        return ""
+
     def _manifest_name(self, group: str) -> str:
         return f"ledger/stores/{self.schema.name}/{group}.json"
 

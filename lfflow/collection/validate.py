@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from lfflow.collection import catalogue, template
 from lfflow.collection.collection import KINDS, Collection
-from lfflow.collection.records import DAMAGED, DONE, DamagedRecordError, Record
+from lfflow.collection.records import DAMAGED, DONE, FAILED, DamagedRecordError, Record
 from lfflow.collection.stores import Store
 
 
@@ -34,24 +34,31 @@ def validate(collection: Collection, *, mark: bool = True) -> list[Finding]:
         store = collection.store(kind)
         for group in store.groups():
             found += _check_metadata(store, group)
-        records: dict[str, Record] = {}
-        for capture in collection.ledger.captures(kind):
-            try:
-                record = collection.ledger.read(kind, capture)
-            except DamagedRecordError as error:
-                found.append(Finding("ledger", capture, str(error)))
-                if mark:
-                    collection.ledger.remove(kind, capture, DONE)
-                continue
-            if record is not None:
-                records[capture] = record
-        for capture, record in records.items():
+        records = _whole_records(collection, kind, found, mark=mark)
+        for record in records.values():
             reasons = _check_region(store, record)
-            found += [Finding(kind, capture, reason) for reason in reasons]
+            found += [Finding(kind, record.capture, reason) for reason in reasons]
             if reasons and mark:
                 collection.ledger.move(record, DAMAGED)
         found += _check_small(store, records)
     return found
+
+
+def _whole_records(collection: Collection, kind: str, found: list[Finding], *, mark: bool) -> dict[str, Record]:
+    """Records of what is done; damaged ones, also of failures, are added to what was found."""
+    records: dict[str, Record] = {}
+    for state in (DONE, FAILED):
+        for capture in collection.ledger.captures(kind, state):
+            try:
+                record = collection.ledger.read(kind, capture, state)
+            except DamagedRecordError as error:
+                found.append(Finding("ledger", capture, str(error)))
+                if mark:
+                    collection.ledger.remove(kind, capture, state)
+                continue
+            if record is not None and state == DONE:
+                records[capture] = record
+    return records
 
 
 def _check_region(store: Store, record: Record) -> list[str]:
@@ -71,7 +78,7 @@ def _check_metadata(store: Store, group: str) -> list[Finding]:
     manifest = store.manifest(group)
     if manifest is None:
         return []
-    found = []
+    found = [Finding("ledger", "", reason)] if (reason := store.manifest_damage(group)) else []
     for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, {}, values=False).items():
         name = f"{store.folder}/{key}"
         try:

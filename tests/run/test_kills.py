@@ -94,4 +94,4 @@ def test_a_run_that_is_killed_two_hundred_times_resumes_to_the_same_bits(tmp_pat
         rounds += 1
     findings, errors = reader.communicate("end\n")
     assert (errors, findings.splitlines()[:-1]) == ("", []), "a reader saw what was not finished"
-    print(f"\n{at_work} kills in {rounds} collections; the reader {findings.splitlines()[-1]}")
+    sys.stdout.write(f"{at_work} kills in {rounds} collections; the reader {findings.splitlines()[-1]}\n")

@@ -37,19 +37,20 @@ def look(out, whole):
         for capture, found in values(collection, kind).items():
             seen += 1
             if not np.array_equal(found, whole[kind][capture], equal_nan=True):
-                print(f"{kind} of {capture} is half-written")
+                sys.stdout.write(f"{kind} of {capture} is half-written\n")
     return seen
 
 
 def main() -> None:
     whole, out = sys.argv[1:3]
     expected = {kind: values(open_collection(whole), kind) for kind in WATCHED}
-    print("ready", flush=True)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
     looks = seen = 0
     while not select.select([sys.stdin], [], [], 0.02)[0]:
         seen += look(out, expected)
         looks += 1
-    print(f"looked {looks} times at {seen} finished results", flush=True)
+    sys.stdout.write(f"looked {looks} times at {seen} finished results\n")
 
 
 if __name__ == "__main__":
