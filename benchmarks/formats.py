@@ -1,25 +1,31 @@
 """Formats: unpacking against memcpy of the same traffic, opening, scanning; ``python benchmarks/formats.py``.
 
-CPU seconds of one core, the best of several, in one process; written files lie in the page cache.
+CPU seconds of one core, the best of several, in one process; scanning in wall seconds on all cores.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
+from lfflow.cameras import KNOWN_CAMERAS
+from lfflow.formats.describe import describe
 from lfflow.formats.layout import PACKINGS
 from lfflow.formats.lfp import open_lfp, write_lfp
 from lfflow.formats.opening import open_frame
 from lfflow.formats.packing import pack, pack10, pack12, unpack10, unpack12
 
 FILES = 200
+COLD_FILES = 24
 
 
 def best(work: Callable[[], object], repeats: int = 15) -> float:
@@ -54,20 +60,25 @@ def unpacking() -> None:
         )
 
 
-def metadata() -> dict[str, object]:
-    sites = ("r", "gr", "gb", "b")
+def metadata(model: str) -> dict[str, object]:
+    camera, sites = KNOWN_CAMERAS[model], ("r", "gr", "gb", "b")
+    bits, order, corner, black = {"F01": (12, "big", "b", 168), "B01": (10, "little", "gr", 64)}[model]
+    levels = {"black": dict.fromkeys(sites, black), "white": dict.fromkeys(sites, (1 << bits) - 1)}
     details = {
-        "pixelFormat": {"rightShift": 0, "black": dict.fromkeys(sites, 168), "white": dict.fromkeys(sites, 4095)},
-        "pixelPacking": {"endianness": "big", "bitsPerPixel": 12},
-        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": "b"},
+        "pixelFormat": {"rightShift": 0, **levels},
+        "pixelPacking": {"endianness": order, "bitsPerPixel": bits},
+        "mosaic": {"tile": "r,gr:gb,b", "upperLeftPixel": corner},
     }
-    return {"image": {"width": 3280, "height": 3280, "rawDetails": details}, "camera": {"model": "F01"}}
+    return {
+        "image": {"width": camera.width, "height": camera.height, "rawDetails": details},
+        "camera": {"model": model},
+    }
 
 
 def opening(folder: Path) -> None:
     path = folder / "IMG_0000.lfp"
     samples = np.random.default_rng(0).integers(168, 4096, (3280, 3280)).astype(np.uint16)
-    write_lfp(path, samples, metadata())
+    write_lfp(path, samples, metadata("F01"))
     rows = [
         ("frame header (Frame)", best(lambda: open_frame(path), 50)),
         ("open_lfp (Dataset)", best(lambda: open_lfp(path), 50)),
@@ -82,39 +93,78 @@ def opening(folder: Path) -> None:
         print(f"{name:34} {seconds * 1e3:8.2f}")
 
 
+def full_size(folder: Path) -> None:
+    camera = KNOWN_CAMERAS["B01"]
+    samples = np.random.default_rng(0).integers(64, 1024, (camera.height, camera.width)).astype(np.uint16)
+    path = folder / "ILLUM.LFR"
+    begin = time.process_time()
+    write_lfp(path, samples, metadata("B01"), modulation=samples[::-1].copy())
+    rows = [("write with its white image, 104 MB", time.process_time() - begin)]
+    assert np.array_equal(xr.open_dataset(path, engine="lfp")["raw"].values, samples)
+    rows.append(('xr.open_dataset(engine="lfp")', best(lambda: xr.open_dataset(path, engine="lfp"), 20)))
+    rows.append(("whole frame: read, SHA-1, unpack", best(lambda: open_lfp(path)["raw"].values, 3)))
+    rows.append(("lfflow info: all sections hashed", best(lambda: describe(path), 3)))
+    print(f"\n{'Illum picture, 7728 × 5368':34} {'CPU ms':>8}")
+    for name, seconds in rows:
+        print(f"{name:34} {seconds * 1e3:8.2f}")
+
+
 def scanning(folder: Path) -> None:
-    whole = (folder / "IMG_0000.lfp").read_bytes()
-    small = [folder / f"SCAN_{number:04d}.lfp" for number in range(FILES)]
-    small[0].write_bytes(whole)
-    for path in small[1:]:
-        path.hardlink_to(small[0])
-    read = time.perf_counter()
-    for path in small:
-        with path.open("rb") as file:
-            while file.read(1 << 20):
-                pass
-    read = time.perf_counter() - read
-    hashed = time.perf_counter()
-    for path in small:
-        with path.open("rb") as file:
-            hashlib.file_digest(file, "sha256")
-    hashed = time.perf_counter() - hashed
-    scan = time.perf_counter()
-    for path in small:
-        open_frame(path)
-        with path.open("rb") as file:
-            hashlib.file_digest(file, "sha256")
-    scan = time.perf_counter() - scan
-    size = FILES * len(whole) / 1e6
-    print(f"\n{FILES} files, {size:.0f} MB, page cache {'s':>12} {'MB/s':>8}")
-    for name, seconds in (("read", read), ("read + sha256", hashed), ("scan: open + sha256", scan)):
-        print(f"{name:34} {seconds:8.2f} {size / seconds:8.0f}")
+    """Open and hash every file, on as many threads as cores: against reading alone and hashing alone."""
+    source, cores = folder / "IMG_0000.lfp", os.cpu_count() or 1
+    warm = [folder / f"SCAN_{number:04d}.lfp" for number in range(FILES)]
+    for path in warm:
+        path.hardlink_to(source)
+    cold = [folder / f"COLD_{number:04d}.lfp" for number in range(COLD_FILES)]
+    for path in cold:
+        shutil.copyfile(source, path)
+    for what, paths in (("in the page cache", warm), ("from the disk", cold)):
+        size = len(paths) * source.stat().st_size / 1e6
+        read, hashed, scanned = (wall(work, paths, cores, forget=paths is cold) for work in (slurp, digest, look))
+        bound = max(read, hashed)
+        print(f"\n{f'{len(paths)} files, {size:.0f} MB, {what}':44} {'wall s':>8} {'MB/s':>8} {'to bound':>9}")
+        rows = (("read", read), ("sha256", hashed), ("open + sha256: what a scan does", scanned))
+        for name, seconds in rows:
+            print(f"{f'{name} ({cores} threads)':44} {seconds:8.2f} {size / seconds:8.0f} {seconds / bound:9.2f}")
+
+
+def slurp(path: Path) -> None:
+    with path.open("rb") as file:
+        while file.read(1 << 20):
+            pass
+
+
+def digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def look(path: Path) -> str:
+    open_frame(path)
+    return digest(path)
+
+
+def wall(work: Callable[[Path], object], paths: list[Path], threads: int, *, forget: bool) -> float:
+    """Least wall seconds of work over all paths; with `forget`, each time from the disk and not from memory."""
+    seconds = []
+    for _ in range(3):
+        if forget:
+            for path in paths:
+                with path.open("rb") as file:
+                    os.fsync(file.fileno())
+                    os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        begin = time.perf_counter()
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(work, paths))
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds)
 
 
 def main() -> None:
     unpacking()
     with tempfile.TemporaryDirectory() as folder:
         opening(Path(folder))
+        full_size(Path(folder))
         scanning(Path(folder))
 
 
