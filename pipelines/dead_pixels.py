@@ -2,8 +2,9 @@
 
     python pipelines/dead_pixels.py IMG_*.lfp --out defects.nc --plot defects.png
 
-A pixel that sticks out of its same-colour neighbours in half of the pictures is a defect; one that does so in a few is
-a highlight. Pictures are read one after the other; none stays in memory.
+A pixel that sticks out of its same-colour neighbours in half of the pictures is hot; one that does so in a few is a
+highlight. A pixel that is dark wherever its neighbours are bright is dead. Pictures are read one after the other; none
+stays in memory.
 """
 
 from __future__ import annotations
@@ -16,14 +17,20 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 
+from lfflow.errors import LfflowError
 from lfflow.stages.defects import aberrant, defect_counts, defect_map
 
 
 def count_defects(captures: Iterable[tuple[xr.Dataset, xr.Dataset]], *, least: float = 0.5) -> xr.Dataset:
-    """``hot`` and ``dead`` counts, ``pixel_flags`` (y, x) and the number of pictures, from pairs (raw, calibration)."""
-    flags = xr.concat([aberrant(raw, cal).reset_coords(drop=True) for raw, cal in captures], "capture")
-    found = defect_counts(flags).assign(pixel_flags=defect_map(flags, least=least))
-    return found.assign_attrs(captures=flags.sizes["capture"])
+    """Counts ``hot``, ``dead`` and ``tested``, and ``pixel_flags`` (y, x), from pairs (raw, calibration) in turn."""
+    total: xr.Dataset | None = None
+    for raw, cal in captures:
+        counts = defect_counts(aberrant(raw, cal).expand_dims("capture")).compute()
+        number = 1 if total is None else int(total.attrs["captures"]) + 1
+        total = (counts if total is None else total + counts).assign_attrs(captures=number)
+    if total is None:
+        raise LfflowError("no pictures to look for defects in")
+    return total.assign(pixel_flags=defect_map(total, least=least))
 
 
 def plot_defects(found: xr.Dataset, path: Path) -> None:
@@ -48,7 +55,7 @@ def main(*files: Path, out: Path = Path("defects.nc"), plot: Path | None = None,
     import lfflow
 
     raws = [xr.open_dataset(path, engine="lfp", chunks={}) for path in files]
-    found = count_defects(((raw, lfflow.calibrate(raw)) for raw in raws), least=least).compute()
+    found = count_defects(((raw, lfflow.calibrate(raw)) for raw in raws), least=least)
     found.to_netcdf(out, engine="scipy")
     if plot is not None:
         plot_defects(found, plot)

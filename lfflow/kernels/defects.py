@@ -1,4 +1,9 @@
-"""Sensor pixels that lie: hot, dead, saturated."""
+"""Sensor pixels that lie: hot and dead ones, which stick out of their eight same-colour neighbours, and clipped ones.
+
+Neighbours of one colour are two pixels apart, where the light of a subimage differs by far more than any threshold
+could bear. So a pixel is compared with what its neighbours would read at its own place: their values, divided by the
+vignetting there and multiplied by that of the pixel.
+"""
 
 from __future__ import annotations
 
@@ -7,62 +12,107 @@ import numpy as np
 import numpy.typing as npt
 
 HOT, DEAD, SATURATED = 1, 2, 4
-DEAD_FACTOR = 0.3
+
+FAINT = 0.05
+"""Vignetting below which a pixel says nothing about its neighbours."""
+STEPS = {"white": 0.04, "scene": 0.12}
+"""By how much, in radiance, a hot pixel must exceed what its neighbours suggest: even light, or detail."""
+SIGMAS = 5.0
+"""By how many standard deviations the neighbours of a dead pixel must stand out of the dark."""
+
+Float32Array = npt.NDArray[np.float32]
+ByteArray = npt.NDArray[np.uint8]
 
 
-@numba.njit(nogil=True, cache=True)
-def _around(image: npt.NDArray[np.float32], y: int, x: int) -> tuple[float, float]:
-    """Darkest and brightest of the eight neighbours and of the four nearest pixels of the same colour."""
-    low, high = np.inf, -np.inf
-    for j in range(-1, 2):
-        for i in range(-1, 2):
-            if i != 0 or j != 0:
-                value = float(image[y + j, x + i])
-                low, high = min(low, value), max(high, value)
-    for value in (image[y - 2, x], image[y + 2, x], image[y, x - 2], image[y, x + 2]):
-        low, high = min(low, float(value)), max(high, float(value))
-    return low, high
+def aberrant_pixels(
+    radiance: Float32Array, vignetting: Float32Array, *, step: float = STEPS["scene"]
+) -> tuple[ByteArray, npt.NDArray[np.bool_]]:
+    """Pixels that stick out of their 8 same-colour neighbours, and those that were tested for being dead.
 
-
-@numba.njit(nogil=True, cache=True)
-def flag_pixels(
-    raw: npt.NDArray[np.uint16],
-    image: npt.NDArray[np.float32],
-    white: npt.NDArray[np.float64],
-    floor: float,
-    hot_factor: float,
-) -> npt.NDArray[np.uint8]:
-    """Flags of the pixels of one frame, shape (y, x): bit 1 hot, bit 2 dead, bit 4 saturated.
-
-    A hot pixel exceeds the brightest of its neighbours by `hot_factor`, a dead one has less than 0.3 times the
-    darkest; the optics cannot draw that sharp a point.
+    A hot pixel exceeds the largest reading that its neighbours suggest by a tenth and a step, or the second largest
+    by a tenth and two steps. A dead one lies below a tenth of the second smallest, where that stands out of the noise
+    of the dark: there nothing can be told. So one neighbour may be a defect as well, and a second pass leaves out those
+    that the first has marked.
 
     Parameters
     ----------
-    raw, image
-        Counts, and the gray image with equal gains (`lfflow.kernels.equalise`), shape (y, x).
-    white
-        White level of the 2×2 tile, counts, shape (2, 2).
-    floor
-        Brightness (of `image`) that is added to the neighbours of a hot pixel, and that those of a dead one exceed.
-    hot_factor
-        Above 1: low where the light is even, higher where a scene draws edges.
+    radiance
+        Frame (y, x), 0 black level, 1 white level, not devignetted.
+    vignetting
+        Relative illumination (y, x), 1 at its peak.
+    step
+        Least excess of a hot pixel, radiance (`STEPS`).
+
+    Returns
+    -------
+    flags, tested
+        uint8 (y, x), 1 hot, 2 dead; bool (y, x), whether a dead pixel would have shown.
     """
-    height, width = raw.shape
-    flags = np.zeros(raw.shape, np.uint8)
-    for y in range(height):
-        inside = 2 <= y < height - 2
-        for x in range(width):
-            if raw[y, x] >= white[y % 2, x % 2]:
-                flags[y, x] = SATURATED
-            if not inside or x < 2 or x >= width - 2:
-                continue
-            value, beside = image[y, x], image[y, x + 1]
-            if value > hot_factor * (beside + floor):
-                if value > hot_factor * (_around(image, y, x)[1] + floor):
-                    flags[y, x] |= HOT
-            elif beside > floor and value < DEAD_FACTOR * beside:
-                low = _around(image, y, x)[0]
-                if low > floor and value < DEAD_FACTOR * low:
-                    flags[y, x] |= DEAD
-    return flags
+    frame = np.ascontiguousarray(radiance, np.float32)
+    shade = np.ascontiguousarray(vignetting, np.float32)
+    flags, tested = np.zeros(frame.shape, np.uint8), np.zeros(frame.shape, np.bool_)
+    even = np.full((frame.shape[0] + 4, frame.shape[1] + 4), np.nan, np.float32)
+    _flatten(frame, shade, even)
+    least = SIGMAS * dark_spread(frame, shade, even)
+    for _ in range(2):
+        _mark(frame, shade, even, np.float32(step), np.float32(least), flags, tested)
+        even[2:-2, 2:-2][flags != 0] = np.nan
+    return flags, tested
+
+
+def dark_spread(radiance: Float32Array, vignetting: Float32Array, even: Float32Array) -> float:
+    """Standard deviation of dark pixels about what their neighbours suggest: the lowest tenth of the lit ones."""
+    inside = (slice(2, -2, 7), slice(2, -2, 5))
+    y, x = np.nonzero(vignetting[inside] >= 2 * FAINT)
+    y, x = 7 * y + 4, 5 * x + 4
+    around = np.stack([even[y + dy, x + dx] for dy in (-2, 0, 2) for dx in (-2, 0, 2) if dx or dy])
+    known = np.isfinite(around)
+    enough = known.sum(axis=0) >= 3
+    if enough.sum() < 100:
+        return float(radiance.max(initial=1.0))
+    level = np.where(known, around, 0).sum(axis=0)[enough] / known.sum(axis=0)[enough]
+    level = level * vignetting[y - 2, x - 2][enough]
+    difference = radiance[y - 2, x - 2][enough] - level
+    return 1.4826 * float(np.median(np.abs(difference[level <= np.quantile(level, 0.1)])))
+
+
+def hot_in_dark(radiance: Float32Array, *, threshold: float = 0.03, sigmas: float = 8.0) -> ByteArray:
+    """Flags (y, x), 1 where a dark frame is brighter than its median by `threshold` and by `sigmas` of its noise."""
+    median = float(np.median(radiance))
+    noise = 1.4826 * float(np.median(np.abs(radiance - median)))
+    return (radiance > median + max(threshold, sigmas * noise)).astype(np.uint8)
+
+
+@numba.njit(nogil=True, cache=True)
+def _flatten(radiance, shade, even):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Radiance over vignetting into the inside of `even` (y + 2, x + 2), NaN where there is hardly any light."""
+    for y in range(radiance.shape[0]):
+        for x in range(radiance.shape[1]):
+            if shade[y, x] >= np.float32(FAINT):
+                even[y + 2, x + 2] = max(radiance[y, x], np.float32(0)) / shade[y, x]
+
+
+@numba.njit(nogil=True, cache=True)
+def _mark(radiance, shade, even, step, least, flags, tested):  # type: ignore[no-untyped-def]  # pragma: no cover
+    for y in range(radiance.shape[0]):
+        for x in range(radiance.shape[1]):
+            lowest, low, high, second = np.float32(np.inf), np.float32(np.inf), np.float32(0), np.float32(0)
+            number = 0
+            for i in range(y, y + 5, 2):
+                for j in range(x, x + 5, 2):
+                    reading = even[i, j]
+                    if reading >= 0 and (i != y + 2 or j != x + 2):
+                        number += 1
+                        low = min(low, max(lowest, reading))
+                        lowest = min(lowest, reading)
+                        second = max(second, min(high, reading))
+                        high = max(high, reading)
+            value, mine = radiance[y, x], shade[y, x]
+            bound = np.float32(1.1) * high * mine + step
+            if number >= 3:
+                bound = min(bound, np.float32(1.1) * second * mine + 2 * step)
+                tested[y, x] = low * mine > least
+            if value > bound:
+                flags[y, x] = HOT
+            elif tested[y, x] and value < np.float32(0.1) * low * mine:
+                flags[y, x] = DEAD

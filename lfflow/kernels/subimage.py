@@ -109,14 +109,3 @@ def spread_profile(profile: Profile, lattice: Lattice, shape: tuple[int, int]) -
     out = np.empty(shape, np.float32)
     _spread(profile, geometry(lattice), out)
     return out
-
-
-def white_vignetting(image: FloatImage) -> FloatImage:
-    """Relative illumination from a white image, 1 at the 99.9th percentile of each Bayer site, never below 0."""
-    out = np.empty_like(image)
-    for row in range(2):
-        for column in range(2):
-            site = image[row::2, column::2]
-            peak = max(float(np.percentile(site[::3, ::3], 99.9)), 1e-12)
-            out[row::2, column::2] = np.clip(site / np.float32(peak), 0, 1)
-    return out

@@ -10,22 +10,24 @@ import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.kernels.centres import flatten_scene, measure_centres
-from lfflow.kernels.defects import HOT, flag_pixels
+from lfflow.kernels.defects import SATURATED, STEPS, aberrant_pixels
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit
 from lfflow.kernels.likelihood import refine
+from lfflow.kernels.radiometry import normalise_levels
 from lfflow.kernels.spectrum import start
-from lfflow.kernels.subimage import mean_profile, spread_profile, white_vignetting
+from lfflow.kernels.subimage import mean_profile, spread_profile
+from lfflow.kernels.white import white_vignetting
 from lfflow.lattice import ARRANGEMENTS
 from lfflow.schema import CALIBRATION, PARAMETERS
 from lfflow.schema.declarations import METHOD_FLAGS
+from lfflow.stages.defects import with_defects
 
 Method = Literal["white", "self"]
 Image = npt.NDArray[np.float32]
 
 _SENSOR = ["y", "x"]
 _TILE = ["tile_y", "tile_x"]
-_HOT_FACTOR = {METHOD_FLAGS["white"]: 1.35, METHOD_FLAGS["self"]: 2.0}
 _OUTPUTS: tuple[tuple[list[str], type], ...] = (
     (["parameter"], np.float64),
     (["parameter", "parameter_b"], np.float64),
@@ -37,7 +39,9 @@ _OUTPUTS: tuple[tuple[list[str], type], ...] = (
 )
 
 
-def calibrate(raw: xr.Dataset, method: Method | None = None, *, precise: bool = True) -> xr.Dataset:
+def calibrate(
+    raw: xr.Dataset, method: Method | None = None, *, precise: bool = True, defects: xr.DataArray | None = None
+) -> xr.Dataset:
     """Lattice, vignetting and defects of a raw frame; nothing in its metadata is trusted.
 
     Parameters
@@ -49,6 +53,9 @@ def calibrate(raw: xr.Dataset, method: Method | None = None, *, precise: bool = 
         By default what ``raw.kind`` says.
     precise
         Maximum-likelihood refinement of lattices from white images, with the Fisher covariance (four times the work).
+    defects
+        Flags (y, x) of sensor pixels known to be bad, of dark frames or many pictures (`lfflow.stages.defects`); they
+        are added to those that the frame itself shows.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def calibrate(raw: xr.Dataset, method: Method | None = None, *, precise: bool = 
     if "capture" in raw.coords:
         axes["capture"] = raw["capture"]
     cal = cal.assign_coords({**axes, "parameter": list(PARAMETERS)})
-    return CALIBRATION.annotate(cal)
+    return CALIBRATION.annotate(with_defects(cal, defects))
 
 
 def _calibrate_frame(
@@ -100,21 +107,31 @@ def _calibrate_frame(
     precise: bool,
 ) -> tuple[Any, ...]:
     raw = np.ascontiguousarray(raw)
-    gray, gains = equalise(raw, black)
+    gray, _ = equalise(raw, black)
     found, flat = locate(gray, scene=method == METHOD_FLAGS["self"], grid=(int(grid[0]), int(grid[1])))
     if method == METHOD_FLAGS["self"]:
         vignetting = spread_profile(mean_profile(flat, found.lattice), found.lattice, raw.shape)
     else:
-        vignetting = white_vignetting(gray)
         found = refine(gray, found) if precise else found
-    floor = max(0.1, 0.01 * float(((white - black) * gains).max()))
+        vignetting = white_vignetting(gray, found.lattice)
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
     arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))
-    hot_factor = _HOT_FACTOR[int(method)]
-    flags = flag_pixels(raw, gray, white, floor, hot_factor)
-    if int(method) != METHOD_FLAGS["white"]:
-        flags &= np.uint8(HOT)  # dark and clipped places of a scene are its own, not the sensor's
+    flags = _pixel_flags(raw, black, white, vignetting, scene=method == METHOD_FLAGS["self"])
     return numbers, found.covariance, arrangement, found.rms, np.int64(found.count), vignetting, flags
+
+
+def _pixel_flags(
+    raw: npt.NDArray[np.uint16],
+    black: npt.NDArray[np.float64],
+    white: npt.NDArray[np.float64],
+    vignetting: Image,
+    *,
+    scene: bool,
+) -> npt.NDArray[np.uint8]:
+    """Hot and dead pixels (y, x), and the clipped ones of a white image: those of a scene are its own."""
+    radiance = normalise_levels(raw, black.astype(np.float32), (1 / (white - black)).astype(np.float32))
+    flags, _ = aberrant_pixels(radiance, vignetting, step=STEPS["scene" if scene else "white"])
+    return flags if scene else flags | (radiance >= 1).astype(np.uint8) * np.uint8(SATURATED)
 
 
 def locate(gray: Image, *, scene: bool, grid: tuple[int, int]) -> tuple[Fit, Image]:

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.conventions import SENSOR_DIMS
-from lfflow.kernels.pixel_defects import DEAD, HOT, aberrant_pixels, hot_in_dark
-from lfflow.schema import CALIBRATION, PARAMETERS
+from lfflow.errors import LfflowError
+from lfflow.kernels.defects import DEAD, HOT, STEPS, aberrant_pixels, hot_in_dark
+from lfflow.schema import CALIBRATION
 from lfflow.schema.declarations import PIXEL_FLAGS
-from lfflow.stages.demultiplex import lattices_from
 from lfflow.stages.radiometry import normalise
 
 
@@ -30,24 +30,38 @@ def dark_defects(dark: xr.Dataset, *, threshold: float = 0.03) -> xr.DataArray:
     return _annotated(flags)
 
 
-def aberrant(raw: xr.Dataset, cal: xr.Dataset, *, threshold: float = 0.12) -> xr.DataArray:
-    """Pixels that stick out of their same-colour neighbours in each picture (y, x): `PIXEL_FLAGS` uint8 (seed 5.2).
+def aberrant(raw: xr.Dataset, cal: xr.Dataset, *, step: float | None = None) -> xr.Dataset:
+    """Pixels that stick out of their same-colour neighbours in each picture (seed 5.2).
 
-    The lattice of `cal` takes the shape of the subimages out of the comparison. One picture may hold fine highlights
-    that look alike: `defect_map` of many captures tells them from defects. Lazy where `raw` is.
+    One picture may hold fine highlights that look like hot pixels, and its dark places hide dead ones: `defect_map` of
+    many captures tells.
+
+    Parameters
+    ----------
+    raw
+        Raw frame (`schema.RAW`), with or without ``capture``; numpy or dask.
+    cal
+        Calibration of the same sensor; its ``vignetting`` takes the shape of the subimages out of the comparison.
+    step
+        Least excess of a hot pixel, radiance; by default 0.12, which detail of a scene does not reach.
+
+    Returns
+    -------
+    xr.Dataset
+        ``pixel_flags`` (y, x) uint8 (`PIXEL_FLAGS`) and ``tested`` (y, x) bool: whether a dead pixel would have shown.
+        Lazy where `raw` or `cal` is.
     """
-    flags: xr.DataArray = xr.apply_ufunc(
+    flags, tested = xr.apply_ufunc(
         _aberrant_block,
-        _whole(normalise(raw)).variable,
-        *(cal[name].variable for name in (*PARAMETERS, "arrangement")),
-        kwargs={"threshold": threshold},
-        input_core_dims=[SENSOR_DIMS] + [()] * 6,
-        output_core_dims=[SENSOR_DIMS],
+        _whole(normalise(raw)),
+        _whole(cal["vignetting"]).reset_coords(drop=True),
+        kwargs={"step": STEPS["scene"] if step is None else step},
+        input_core_dims=[SENSOR_DIMS] * 2,
+        output_core_dims=[SENSOR_DIMS] * 2,
         dask="parallelized",
-        output_dtypes=[np.uint8],
+        output_dtypes=[np.uint8, np.bool_],
     )
-    names = [name for name in ("y", "x", "capture") if name in raw.coords]
-    return _annotated(xr.DataArray(flags, coords={name: raw[name] for name in names}))
+    return xr.Dataset({"pixel_flags": _annotated(flags), "tested": tested}).reset_coords(drop=True)
 
 
 def saturated_pixels(raw: xr.Dataset) -> xr.DataArray:
@@ -55,26 +69,50 @@ def saturated_pixels(raw: xr.Dataset) -> xr.DataArray:
     return _annotated((normalise(raw) >= np.float32(1)).astype(np.uint8) * np.uint8(PIXEL_FLAGS["saturated"]))
 
 
-def defect_counts(flags: xr.DataArray) -> xr.Dataset:
-    """In how many captures each pixel was marked: ``hot``, ``dead`` (y, x), from flags (capture, y, x) (Figure 13)."""
-    counts = {name: (flags == PIXEL_FLAGS[name]).sum("capture").astype(np.int32) for name in ("hot", "dead")}
-    ds = xr.Dataset(counts)
+def defect_counts(found: xr.Dataset | xr.DataArray) -> xr.Dataset:
+    """In how many captures each pixel was marked: ``hot``, ``dead`` (y, x), and for how many of them ``tested``.
+
+    ``found`` is what `aberrant` gives of many captures, or flags (capture, y, x) such as `dark_defects` gives (Figure
+    13); a dim ``capture`` is needed. The counts of several batches may be added.
+    """
+    flags = found["pixel_flags"] if isinstance(found, xr.Dataset) else found
+    if "capture" not in flags.dims:
+        raise LfflowError("defects are counted over captures: the flags have no dim 'capture'")
+    counts = {name: (flags & PIXEL_FLAGS[name] > 0).sum("capture").astype(np.int32) for name in ("hot", "dead")}
+    if isinstance(found, xr.Dataset):
+        counts["tested"] = found["tested"].sum("capture").astype(np.int32)
+    ds = xr.Dataset(counts, attrs={"captures": flags.sizes["capture"]})
     for name in counts:
-        ds[name].attrs = {"long_name": f"captures that show the pixel {name}", "units": "1"}
+        ds[name].attrs = {"long_name": f"captures in which the pixel was {name}", "units": "1"}
     return ds
 
 
-def defect_map(flags: xr.DataArray, *, least: float = 0.5) -> xr.DataArray:
-    """Flags (y, x) of the pixels that are marked in at least the share `least` of the captures (capture, y, x).
+def defect_map(counts: xr.Dataset, *, least: float = 0.5) -> xr.DataArray:
+    """Flags (y, x) of the pixels that are defects in at least the share `least` of the captures.
 
-    A dead pixel shows only where the picture is bright, so that half of that share is enough for it; two captures at
-    least must agree.
+    A hot pixel shows in every capture. A dead one shows where the picture is bright, so that its share is of the
+    captures that tested it. Two captures at least must agree, where there are two.
     """
-    counts = defect_counts(flags)
-    captures = flags.sizes["capture"]
-    enough = {"hot": max(least * captures, min(2, captures)), "dead": max(least * captures / 2, min(2, captures))}
-    hot, dead = (counts[name] >= enough[name] for name in ("hot", "dead"))
-    return _annotated(hot * np.uint8(HOT) + (dead & ~hot) * np.uint8(DEAD))
+    captures = int(counts.attrs["captures"])
+    agree = min(2, captures)
+    hot = counts["hot"] >= max(least * captures, agree)
+    tested = counts.get("tested", captures)
+    dead = (counts["dead"] >= agree) & (counts["dead"] >= least * tested) & ~hot
+    return _annotated(hot * np.uint8(HOT) + dead * np.uint8(DEAD))
+
+
+def with_defects(cal: xr.Dataset, defects: xr.DataArray | None) -> xr.Dataset:
+    """Calibration whose ``pixel_flags`` hold also the `defects` (y, x) known of the sensor, of dark frames or a map."""
+    if defects is None:
+        return cal
+    for dim in SENSOR_DIMS:
+        if defects.sizes.get(dim) != cal.sizes[dim]:
+            raise LfflowError(
+                f"the defects are of another sensor: {dim} has {defects.sizes.get(dim)} pixels there, "
+                f"{cal.sizes[dim]} in the calibration"
+            )
+    flags = cal["pixel_flags"].variable | defects.transpose(..., *SENSOR_DIMS).variable.astype(np.uint8)
+    return cal.assign(pixel_flags=_annotated(xr.DataArray(flags)))
 
 
 def _annotated(flags: xr.DataArray) -> xr.DataArray:
@@ -90,11 +128,12 @@ def _dark_block(radiance: npt.NDArray[Any], threshold: float) -> npt.NDArray[np.
     return np.array([hot_in_dark(frame, threshold=threshold) for frame in frames]).reshape(radiance.shape)
 
 
-def _aberrant_block(radiance: npt.NDArray[Any], *numbers: Any, threshold: float) -> npt.NDArray[np.uint8]:
-    outer = np.broadcast_shapes(radiance.shape[:-2], *(np.shape(number) for number in numbers))
-    frames = np.broadcast_to(radiance, outer + radiance.shape[-2:])
-    lattices = lattices_from([np.broadcast_to(number, outer) for number in numbers])
-    out = np.empty(frames.shape, np.uint8)
-    for index, lattice in zip(np.ndindex(outer), lattices, strict=True):
-        out[index] = aberrant_pixels(frames[index], lattice, threshold=threshold)
-    return out
+def _aberrant_block(
+    radiance: npt.NDArray[Any], vignetting: npt.NDArray[Any], step: float
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
+    outer = np.broadcast_shapes(radiance.shape[:-2], vignetting.shape[:-2])
+    radiance, vignetting = (np.broadcast_to(a, outer + a.shape[-2:]) for a in (radiance, vignetting))
+    flags, tested = np.empty(radiance.shape, np.uint8), np.empty(radiance.shape, np.bool_)
+    for index in np.ndindex(outer):
+        flags[index], tested[index] = aberrant_pixels(radiance[index], vignetting[index], step=step)
+    return flags, tested

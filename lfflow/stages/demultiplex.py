@@ -16,12 +16,18 @@ from lfflow.errors import LfflowError
 from lfflow.kernels.demultiplex import FieldArrays, demultiplex_frame, empty_field
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
+from lfflow.stages.defects import with_defects
 
 _LATTICE_NAMES = (*PARAMETERS, "arrangement")
 
 
 def demultiplex(
-    raw: xr.Dataset, cal: xr.Dataset, *, shape: tuple[int, int] | None = None, radius: int | None = None
+    raw: xr.Dataset,
+    cal: xr.Dataset,
+    *,
+    shape: tuple[int, int] | None = None,
+    radius: int | None = None,
+    defects: xr.DataArray | None = None,
 ) -> xr.Dataset:
     """Mosaicked light field of a raw frame: every usable sensor pixel at its view and lens (METHOD 7.a, 7.1).
 
@@ -36,6 +42,8 @@ def demultiplex(
         cameras that lfflow does not know, the smallest grid that covers the sensor.
     radius
         Views run over −radius…radius in u and v; by default as far as the subimage reaches.
+    defects
+        Flags (y, x) of sensor pixels that are left out beside those of `cal` (`lfflow.stages.defects`).
 
     Returns
     -------
@@ -50,7 +58,7 @@ def demultiplex(
     LfflowError
         Sensor sizes or captures of `raw` and `cal` differ, or the grid cannot be known without computing.
     """
-    raw, cal = _matched(raw, cal)
+    raw, cal = _matched(raw, with_defects(cal, defects))
     size = (raw.sizes["y"], raw.sizes["x"])
     shape, radius = _grid(raw, cal, size, shape, radius)
     lattice = [cal[name].variable for name in _LATTICE_NAMES]
