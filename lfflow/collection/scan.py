@@ -143,9 +143,9 @@ def _words(error: Exception, path: str) -> str:
 def _metadata(raw: xr.Dataset, path: str, told: str) -> Row:
     if "raw" not in raw.variables:
         raise FormatError(f"{path}: found a derived picture ({', '.join(map(str, raw.data_vars))}), expected a raw one")
-    row: Row = {name: float(raw[name]) for name in NUMBERS if name in raw.variables}
+    row: Row = {name: float(raw.variables[name].values.item()) for name in NUMBERS if name in raw.variables}
     for name in ("camera_model", "camera_serial"):
-        row[name] = str(raw[name].item()) if name in raw.variables else ""
+        row[name] = str(raw.variables[name].values.item()) if name in raw.variables else ""
     row["time"] = raw["time"].values if "time" in raw.variables else np.datetime64("NaT", "ns")
     row["kind"], row["judged_by"] = judge(raw, told)
     row["height"], row["width"] = int(raw.sizes["y"]), int(raw.sizes["x"])
