@@ -252,7 +252,7 @@ def _parameters(folder: str) -> tuple[str, dict[str, float]]:
     try:
         parser.read_string(text)
     except configparser.Error as error:
-        raise MetadataError(path, "text", str(error).splitlines()[0], "sections of name = value") from error
+        raise MetadataError(path, "text", _fault(error), "sections of name = value") from error
     wanted = {name for name, _, _ in _CAMERA_NUMBERS} | {"num_cams_x", "num_cams_y"}
     numbers: dict[str, float] = {}
     for section in parser.sections():
@@ -260,6 +260,16 @@ def _parameters(folder: str) -> tuple[str, dict[str, float]]:
             if key in wanted and math.isfinite(number := _number(value)):
                 numbers[key] = number
     return text, numbers
+
+
+def _fault(error: configparser.Error) -> str:
+    """The first line that the parser does not understand."""
+    if isinstance(error, configparser.MissingSectionHeaderError):
+        return f"line {error.lineno} before any [section]: {error.line:.40}"
+    if isinstance(error, configparser.ParsingError) and error.errors:
+        number, line = error.errors[0]
+        return f"line {number}: {line:.40}"
+    return str(error).splitlines()[0][:80]
 
 
 def _number(text: str | None) -> float:
