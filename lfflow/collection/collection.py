@@ -11,6 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from lfflow.collection import catalogue
+from lfflow.collection.query import select
 from lfflow.collection.records import FAILED, Ledger
 from lfflow.collection.scalars import decode, small_variables
 from lfflow.collection.storage import open_storage
@@ -81,7 +82,8 @@ class Collection:
     def query(self, expression: str = "") -> list[str]:
         """Captures for which a pandas expression over the catalogue's columns holds.
 
-        The list goes into ``col.open("disparity").sel(capture=...)``; `table` returns the rows.
+        The list goes into ``col.open("disparity").sel(capture=...)``; `table` returns the rows, and
+        `lfflow.collection.query` says what an expression may contain.
         """
         return [str(name) for name in self.table(expression)["id"]]
 
@@ -180,16 +182,6 @@ class Collection:
         if not groups:
             raise CollectionError(f"nothing in {store.folder} of {self.storage.url} yet")
         raise CollectionError(f"which camera? {store.folder} holds {', '.join(groups)}")
-
-
-def select(table: pd.DataFrame, expression: str) -> pd.DataFrame:
-    """Rows for which a pandas expression holds; raises CollectionError for a wrong expression."""
-    if not expression.strip():
-        return table
-    try:
-        return table.query(expression, engine="python").reset_index(drop=True)
-    except Exception as error:
-        raise CollectionError(f"cannot evaluate {expression!r}: {error}") from error
 
 
 def needed_stages(kind: str, white: str) -> tuple[str, ...]:

@@ -15,8 +15,8 @@ from typing import Any
 import pandas as pd
 
 from lfflow.collection import Collection, catalogue
-from lfflow.collection.collection import select
 from lfflow.collection.object_lease import Tenure
+from lfflow.collection.query import select
 from lfflow.collection.update import update
 from lfflow.collection.whites import MAX_STEPS, choose
 from lfflow.run.chain import Chain, Grid, camera_grid, lattice_grid
@@ -122,6 +122,9 @@ class Run:
         for stage in self._chain.stages:
             store = self._collection.store(stage.name)
             for group in store.groups():
+                if store.manifest_damage(group):
+                    records = self._collection.ledger.records(stage.name).values()
+                    store.mend_manifest(group, [record for record in records if record.group == group])
                 manifest = store.manifest(group)
                 if manifest is not None:
                     store.check(group, manifest)
