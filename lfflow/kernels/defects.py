@@ -14,7 +14,7 @@ import numpy.typing as npt
 HOT, DEAD, SATURATED = 1, 2, 4
 
 FAINT = 0.05
-"""Vignetting below which a pixel says nothing about its neighbours."""
+"""Vignetting below which a pixel says nothing about its neighbours, nor they whether it is dead."""
 STEPS = {"white": 0.04, "scene": 0.12}
 """By how much, in radiance, a hot pixel must exceed what its neighbours suggest: even light, or detail."""
 SIGMAS = 5.0
@@ -108,10 +108,11 @@ def _mark(radiance, shade, even, step, least, flags, tested):  # type: ignore[no
                         second = max(second, min(high, reading))
                         high = max(high, reading)
             value, mine = radiance[y, x], shade[y, x]
-            bound = np.float32(1.1) * high * mine + step
+            most = np.float32(1.1) * max(mine, np.float32(2 * FAINT))
+            bound = high * most + step
             if number >= 3:
-                bound = min(bound, np.float32(1.1) * second * mine + 2 * step)
-                tested[y, x] = low * mine > least
+                bound = min(bound, second * most + 2 * step)
+                tested[y, x] = mine >= np.float32(FAINT) and low * mine > least
             if value > bound:
                 flags[y, x] = HOT
             elif tested[y, x] and value < np.float32(0.1) * low * mine:
