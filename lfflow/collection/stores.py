@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +64,20 @@ class Store:
             return str(error)
         return ""
 
+    def mend_manifest(self, group: str, records: Iterable[Record]) -> None:
+        """Write a damaged file of sizes and slots anew, from the arrays and the ledger."""
+        if not self.manifest_damage(group):
+            return
+        found = self._manifest_from_arrays(group)
+        captures = dict(enumerate(found.captures)) | {record.slot: record.capture for record in records}
+        self._write_manifest(
+            group, found.sizes, [captures.get(slot, "") for slot in range(max(captures, default=-1) + 1)]
+        )
+
+    def _write_manifest(self, group: str, sizes: Mapping[str, int], captures: Sequence[str]) -> None:
+        document = {"sizes": dict(sizes), "captures": list(captures), "schema_version": self.schema.version}
+        self._replace(self._manifest_name(group), sealed(document))
+
     def _manifest_name(self, group: str) -> str:
         return f"ledger/stores/{self.schema.name}/{group}.json"
 
@@ -92,8 +106,7 @@ class Store:
         if after != before or not manifest:
             self._write_small(template.build(self.schema, group, sizes, after, {}, values=not manifest))
         # Last: a slot that the manifest names has its place in every array, also after a crash in between.
-        document = {"sizes": dict(sizes), "captures": list(after), "schema_version": self.schema.version}
-        self._replace(self._manifest_name(group), sealed(document))
+        self._write_manifest(group, sizes, after)
         return {name: slot for slot, name in enumerate(after)}
 
     def check(self, group: str, manifest: Manifest) -> None:

@@ -20,6 +20,7 @@ from lfflow.run.task import Work, crashed, lost, perform, thread_environment
 _log = logging.getLogger(__name__)
 _POLL_SECONDS = 2.0
 _CONNECT_SECONDS = 30.0
+_STARTS = 5
 PATIENCE_SECONDS = 60.0
 """A run whose workers are all gone for so long ends, with what it has."""
 QUEUE_SECONDS = 24 * 3600.0
@@ -48,19 +49,32 @@ def local_client(count: int, memory: int | None) -> Iterator[Any]:
 
     `memory` is what one worker may use before it is taken for a crash; None: no bound.
     """
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
     with (
         dask.config.set(SETTINGS),
         thread_environment(),
-        LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, host=LOOPBACK, memory_limit=memory or 0,
-            dashboard_address=f"{LOOPBACK}:0", silence_logs=logging.CRITICAL,
-        ) as cluster,
+        _local_cluster(count, memory or 0) as cluster,
         Client(cluster) as client,
-    ):  # fmt: skip
+    ):
         _log.info("dashboard: %s", cluster.dashboard_link)
         yield client
+
+
+def _local_cluster(count: int, memory: int) -> Any:
+    """Cluster of this machine; one whose workers die while they start is started again. Raises WorkersError."""
+    from distributed import LocalCluster
+
+    for _ in range(_STARTS):
+        try:
+            return LocalCluster(
+                n_workers=count, threads_per_worker=1, processes=True, host=LOOPBACK, memory_limit=memory,
+                dashboard_address=f"{LOOPBACK}:0", silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        except RuntimeError as error:
+            _log.warning("the workers did not start: %s", error)
+            reason = str(error)
+    raise WorkersError(f"the workers of this machine do not start: {reason}")
 
 
 @contextlib.contextmanager
