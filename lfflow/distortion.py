@@ -11,9 +11,9 @@ from numpy.polynomial import legendre
 FloatArray = npt.NDArray[np.float64]
 
 DEGREE = 5
-TERMS = tuple((i, total - i) for total in range(2, DEGREE + 1) for i in range(total, -1, -1))
-"""Degrees (i, j) of the products of Legendre polynomials P_i(x)·P_j(y), by rising total degree. Degrees 0 and 1 are
-left out: they are the lattice's own, and over the sensor every other product is orthogonal to them."""
+TERMS = tuple((i, total - i) for total in range(1, DEGREE + 1) for i in range(total, -1, -1))
+"""Degrees (i, j) of the products of Legendre polynomials P_i(x)·P_j(y), by rising total degree. Degree 0 is the
+lattice's own, and all of degree 1 but a shear; over the sensor every other product is orthogonal to them."""
 
 
 def products(x: npt.ArrayLike, y: npt.ArrayLike, half: FloatArray, degree: int = DEGREE) -> FloatArray:

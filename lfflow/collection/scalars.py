@@ -71,7 +71,7 @@ def _with_nan(value: Any) -> Any:
     return math.nan if value is None else value
 
 
-SMALL_SIZES = {"channel": 3, "channel_in": 3, "parameter": 5, "parameter_b": 5, "site": 4, "axis": 2, "term": 19}
+SMALL_SIZES = {"channel": 3, "channel_in": 3, "parameter": 5, "parameter_b": 5, "site": 4, "axis": 2, "term": 21}
 
 
 def _missing(variable: Variable) -> np.ndarray[Any, Any]:

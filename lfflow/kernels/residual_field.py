@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.distortion import DEGREE, STRAIGHT, Distortion, products
+from lfflow.kernels.centres import measure_centres
 from lfflow.kernels.lattice_fit import jacobian, lens_indices, moved
 from lfflow.lattice import Lattice
 
@@ -81,6 +82,17 @@ class Bend:
     chance: float
 
 
+def unjudged(lattice: Lattice) -> Bend:
+    """Say nothing of a bend: a scene displaces the measured centres by more than any lens array, and as smoothly."""
+    return Bend(lattice, STRAIGHT, float("nan"), float("nan"))
+
+
+def judge(image: npt.NDArray[np.float32], lattice: Lattice) -> Bend:
+    """Smooth bend that the centres of a white image (y, x) show against their lattice."""
+    shape = (image.shape[0], image.shape[1])
+    return bend(lattice, residual_field(lattice, measure_centres(image, lattice), shape), shape)
+
+
 def residual_field(lattice: Lattice, centres: FloatArray, shape: tuple[int, int]) -> ResidualField:
     """Residuals of the centres (n, 2), as (x, y), in cells of about `LENSES_A_CELL` lenses or more."""
     places = _places(lattice, lens_indices(lattice, centres))
@@ -128,8 +140,8 @@ def bend(lattice: Lattice, field: ResidualField, shape: tuple[int, int]) -> Bend
     x, y = field.x[known], field.y[known]
     shift = np.stack([field.dx[known], field.dy[known]], axis=1)
     half = np.array([shape[1] - 1, shape[0] - 1]) / 2
-    rigid = np.column_stack([np.ones_like(x), x / half[0] - 1, y / half[1] - 1])
-    designs = [rigid, *(np.hstack([rigid, products(x, y, half, degree)]) for degree in DEGREES)]
+    rigid = _design(x, y, half, 1)
+    designs = [rigid, *(_design(x, y, half, degree) for degree in DEGREES)]
     designs = [design for design in designs if 2 * design.shape[1] <= len(x)]
     if len(designs) < 2:
         return Bend(lattice, STRAIGHT, 0.0, 1.0)
@@ -140,10 +152,18 @@ def bend(lattice: Lattice, field: ResidualField, shape: tuple[int, int]) -> Bend
     rms = _rms(designs[-1][:, 3:] @ solution[3:])
     if chance > CHANCE or rms < SMALLEST_BEND:
         return Bend(lattice, STRAIGHT, rms, chance)
+    straightened, step = _straightened(lattice, x, y, rigid @ solution[:3])
+    terms = _solve(_design(*(np.stack([x, y]) + step.T), half, DEGREES[len(designs) - 2]), shift - step)
     numbers = STRAIGHT.numbers.copy()
     numbers[:, 0] = half
-    numbers[:, 1 : len(solution) - 2] = solution[3:].T
-    return Bend(_straightened(lattice, x, y, rigid @ solution[:3]), Distortion(numbers), rms, chance)
+    numbers[:, 1 : len(terms)] = terms[1:].T
+    straightened = moved(straightened, np.array([0.0, 0.0, 0.0, *terms[0]]))
+    return Bend(straightened, Distortion(numbers), rms, chance)
+
+
+def _design(x: FloatArray, y: FloatArray, half: FloatArray, degree: int) -> FloatArray:
+    """1 and the products of `lfflow.distortion.TERMS` up to a degree at places (n,), shape (n, 1 + terms)."""
+    return np.column_stack([np.ones_like(x), products(x, y, half, degree)])
 
 
 def _solve(design: FloatArray, values: FloatArray) -> FloatArray:
@@ -163,8 +183,9 @@ def _probability(narrow: FloatArray, wide: FloatArray, values: FloatArray) -> fl
     return float(f.sf((left - least) / more / max(least / free, 1e-300), more, free))
 
 
-def _straightened(lattice: Lattice, x: FloatArray, y: FloatArray, shift: FloatArray) -> Lattice:
-    """Lattice moved by the shifts (n, 2) of the places (x, y) as far as its five parameters can."""
-    inverse = np.linalg.inv(lattice.matrix)
-    k = np.stack([x - lattice.cx, y - lattice.cy], axis=1) @ inverse.T
-    return moved(lattice, _solve(jacobian(lattice, k).reshape(-1, 5), shift.T.reshape(-1, 1))[:, 0])
+def _straightened(lattice: Lattice, x: FloatArray, y: FloatArray, shift: FloatArray) -> tuple[Lattice, FloatArray]:
+    """Lattice moved by the shifts (n, 2) of the places (x, y) as far as its five parameters can; how far that is."""
+    k = np.stack([x - lattice.cx, y - lattice.cy], axis=1) @ np.linalg.inv(lattice.matrix).T
+    design = jacobian(lattice, k)
+    step = _solve(design.reshape(-1, 5), shift.T.reshape(-1, 1))[:, 0]
+    return moved(lattice, step), np.asarray((design @ step).T, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -9,12 +10,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS
+from lfflow.distortion import STRAIGHT
 from lfflow.kernels.centres import flatten_scene, measure_centres
 from lfflow.kernels.defects import SATURATED, STEPS, aberrant_pixels
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit
 from lfflow.kernels.likelihood import refine
 from lfflow.kernels.radiometry import normalise_levels
+from lfflow.kernels.residual_field import judge, unjudged
 from lfflow.kernels.spectrum import start
 from lfflow.kernels.subimage import mean_profile, spread_profile
 from lfflow.kernels.white import white_vignetting
@@ -34,9 +37,13 @@ _OUTPUTS: tuple[tuple[list[str], type], ...] = (
     ([], np.uint8),
     ([], np.float64),
     ([], np.int64),
+    (["axis", "term"], np.float64),
+    ([], np.float64),
+    ([], np.float64),
     (_SENSOR, np.float32),
     (_SENSOR, np.uint8),
 )
+_SMALL_SIZES = {"parameter": 5, "parameter_b": 5, "axis": 2, "term": STRAIGHT.numbers.shape[1]}
 
 
 def calibrate(
@@ -61,7 +68,8 @@ def calibrate(
     -------
     calibration
         `lfflow.schema.CALIBRATION`, lazy where `raw` is: lattice in sensor pixels and radians (seed equation 6.1),
-        its covariance, ``vignetting(y, x)`` relative to its peak, ``pixel_flags(y, x)``. The lattice is numbered for
+        its covariance, its bend where a white image shows one (`lfflow.distortion`), ``vignetting(y, x)`` relative to
+        its peak, ``pixel_flags(y, x)``. The lattice is numbered for
         the grid of the camera model where that is known, else for its own (`Lattice.anchored`).
 
     Raises
@@ -81,19 +89,20 @@ def calibrate(
         output_dtypes=[dtype for _, dtype in _OUTPUTS],
         vectorize=True,
         dask="parallelized",
-        dask_gufunc_kwargs={"allow_rechunk": True, "output_sizes": {"parameter": 5, "parameter_b": 5}},
+        dask_gufunc_kwargs={"allow_rechunk": True, "output_sizes": _SMALL_SIZES},
         keep_attrs=False,
         kwargs={"precise": precise},
     )
-    numbers, covariance, arrangement, rms, count, vignetting, flags = outputs
+    numbers, covariance, arrangement, rms, count, distortion, bend_rms, bend_chance, vignetting, flags = outputs
     variables = {name: numbers.isel(parameter=index, drop=True) for index, name in enumerate(PARAMETERS)}
     variables |= {"arrangement": arrangement, "covariance": covariance, "residual_rms": rms, "lens_count": count}
+    variables |= {"distortion": distortion, "distortion_rms": bend_rms, "distortion_chance": bend_chance}
     variables |= {"method": _method(raw, method), "vignetting": vignetting, "pixel_flags": flags}
     axes = {dim: raw[dim] if dim in raw.coords else np.arange(raw.sizes[dim]) for dim in _SENSOR}
     cal = xr.Dataset({name: value.reset_coords(drop=True) for name, value in variables.items()})
     if "capture" in raw.coords:
         axes["capture"] = raw["capture"]
-    cal = cal.assign_coords({**axes, "parameter": list(PARAMETERS)})
+    cal = cal.assign_coords({**axes, "parameter": list(PARAMETERS), "axis": ["x", "y"]})
     return CALIBRATION.annotate(with_defects(cal, defects))
 
 
@@ -109,15 +118,20 @@ def _calibrate_frame(
     raw = np.ascontiguousarray(raw)
     gray, _ = equalise(raw, black)
     found, flat = locate(gray, scene=method == METHOD_FLAGS["self"], grid=(int(grid[0]), int(grid[1])))
+    bend = unjudged(found.lattice)
     if method == METHOD_FLAGS["self"]:
         vignetting = spread_profile(mean_profile(flat, found.lattice), found.lattice, raw.shape)
     else:
         found = refine(gray, found) if precise else found
+        bend = judge(gray, found.lattice) if precise else bend
+        found = replace(found, lattice=bend.lattice)
         vignetting = white_vignetting(gray, found.lattice)
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
     arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))
     flags = _pixel_flags(raw, black, white, vignetting, scene=method == METHOD_FLAGS["self"])
-    return numbers, found.covariance, arrangement, found.rms, np.int64(found.count), vignetting, flags
+    count = np.int64(found.count)
+    bent = bend.distortion.numbers, bend.rms, bend.chance
+    return numbers, found.covariance, arrangement, found.rms, count, *bent, vignetting, flags
 
 
 def _pixel_flags(
