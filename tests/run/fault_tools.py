@@ -31,7 +31,8 @@ def run(out, captures, **options):
 
 def start(captures, out, workers="threads:2", script=SCRIPT, **options):
     """A run in a process (and session) of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(HERE)}
+    path = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = {**os.environ, "PYTHONPATH": path}
     command = [sys.executable, str(script), str(captures), str(out), workers]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     return subprocess.Popen(command, env=environment, start_new_session=True, text=True, **pipes, **options)
