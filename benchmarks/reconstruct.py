@@ -1,11 +1,14 @@
 """Views from a mosaicked field: against demosaicking the raw first, and against demosaicking each view by itself.
 
-python benchmarks/reconstruct.py [CAPTURE.lfp ...]     # simulated captures always, real ones where given
+python benchmarks/reconstruct.py [--views FOLDER] [CAPTURE.lfp ...]
+
+Simulated captures always (the rules were tuned on seeds 3 and 4, others are reported); a folder of HCI views through
+the F01's mosaic and real captures where given.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import cv2
@@ -13,13 +16,20 @@ import numpy as np
 import xarray as xr
 
 import lfflow
-from lfflow.kernels.gather import Rule, Samples, Targets, gather
+import lfflow.accessor
+from lfflow.kernels.gather import Rule, Targets, gather
 from lfflow.kernels.guided import fill_colours
+from lfflow.kernels.synthesis import doubt_of, one_view, prepare
 from lfflow.schema import lattice_of
-from lfflow.simulate import simulate_capture, simulate_white
+from lfflow.simulate import Layer, Scene, rays, simulate_capture, simulate_white
+from lfflow.simulate.from_views import simulate_from_views
+from lfflow.simulate.optics import Optics, frame_of
+from lfflow.simulate.texture import natural_texture
+from lfflow.stages.depth import depth
 from lfflow.stages.grid import grid_of
 from lfflow.stages.radiometry import normalise
 from lfflow.stages.reconstruct import reconstruct_views
+from lfflow.stages.refocus import refocus
 
 BORDER = 8
 CENTRE = {"v": [0], "u": [0]}
@@ -29,6 +39,7 @@ EDGE_DIRECTED = {
     "RGGB": cv2.COLOR_BayerRGGB2RGB_EA,
     "GBRG": cv2.COLOR_BayerGBRG2RGB_EA,
 }
+TINTS = np.array([(0.45, 0.44, 0.42), (0.62, 0.58, 0.50), (0.18, 0.24, 0.34), (0.50, 0.26, 0.18), (0.12, 0.3, 0.1)])
 
 
 def raw_first(raw, cal, lf):
@@ -42,21 +53,18 @@ def raw_first(raw, cal, lf):
     return cv2.remap(full.astype(np.float32) / 30000, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC)
 
 
-def sparse_view(lf, u=0, v=0):
+def per_view(lf, u=0, v=0, rounds=4):
+    """A view from its own samples: balanced colour differences, neighbours weighed by the luminance found before."""
     view = lf.sel(u=u, v=v)
-    rgb = np.full((*view["mosaic"].shape, 3), np.nan, np.float32)
-    for c in range(3):
-        rgb[..., c] = np.where(view["cfa"].values == c, view["mosaic"].values, np.nan)
-    return rgb
-
-
-def per_view(rgb, lf):
-    """A view's own samples: colour differences, then once more with neighbours weighed by the luminance (edges)."""
+    gains = lf["white_balance"].values.astype(np.float32)
+    here = view["cfa"].values[..., None] == np.arange(3)
+    rgb = np.where(here, view["mosaic"].values[..., None], np.float32(np.nan)) * gains
     x, y = grid_of(lf).places(lf["t"], lf["s"])
-    first, _ = fill_colours(rgb, x, y, np.full(x.shape, np.nan, np.float32), 1.0)
-    luminance = cv2.GaussianBlur(np.nan_to_num(first), (0, 0), 0.5).mean(axis=-1)
-    second, _ = fill_colours(rgb, x, y, luminance.astype(np.float32), 0.05)
-    return first, second
+    found, _ = fill_colours(rgb, x, y, np.full(x.shape, np.nan, np.float32), 1.0)
+    for _ in range(rounds):
+        luminance = cv2.GaussianBlur(np.nan_to_num(found), (0, 0), 0.5).mean(axis=-1)
+        found, _ = fill_colours(rgb, x, y, luminance.astype(np.float32), 0.03)
+    return found / gains
 
 
 def psnr(found, truth, border=BORDER):
@@ -65,28 +73,134 @@ def psnr(found, truth, border=BORDER):
     return -10 * np.log10(np.nanmean(error))
 
 
+def report(title, rows, truth):
+    print(title)
+    for name, rgb in rows.items():
+        print(f"  {name:34} {psnr(rgb, truth):6.2f}")
+
+
 def simulated(seed, size):
-    raw, truth = simulate_capture(height=size, width=size, seed=seed, rgb_views=[0])
+    raw, truth = simulate_capture(height=size, width=size, seed=seed, rgb_views=[-3, 0, 4])
     white, _ = simulate_white(height=size, width=size, seed=seed)
     cal = lfflow.calibrate(white)
     lf = lfflow.demultiplex(raw, cal).compute()
     disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
-    true_disp = disp.assign(
-        disparity=truth["disparity"], disparity_std=xr.zeros_like(truth["disparity"]) + np.float32(0.002)
-    )
-    picture = truth["rgb"].sel(rgb_v=0, rgb_u=0).values
-    first, second = per_view(sparse_view(lf), lf)
+    std = xr.zeros_like(truth["disparity"]) + np.float32(0.01)
+    true_disp = disp.assign(disparity=truth["disparity"], disparity_std=std)
     rows = {
         "raw first, edge-directed": raw_first(raw, cal, lf),
-        "per view, colour differences": first,
-        "per view, edge-directed": second,
+        "per view, edge-directed": per_view(lf),
         "lfflow, estimated disparity": reconstruct_views(lf, disp, views=CENTRE)["rgb"].values[0, 0],
         "lfflow, true disparity": reconstruct_views(lf, true_disp, views=CENTRE)["rgb"].values[0, 0],
     }
-    print(f"simulated F01, seed {seed}, {size} px: PSNR of the centre view, dB")
-    for name, rgb in rows.items():
-        print(f"  {name:32} {psnr(rgb, picture):6.2f}")
-    return lf, disp, rows, picture
+    picture = truth["rgb"].sel(rgb_v=0, rgb_u=0).values
+    report(f"simulated F01, seed {seed}, {size} px: PSNR of the centre view, dB", rows, picture)
+    outer = {"v": [-3], "u": [4]}
+    rows = {
+        "view (-3, 4), gathered for itself": reconstruct_views(lf, disp, views=outer, shared=False)["rgb"].values[0, 0],
+        "view (-3, 4), surfaces shared": reconstruct_views(lf, disp, views=outer, shared=True)["rgb"].values[0, 0],
+    }
+    report("  an outer view", rows, truth["rgb"].sel(rgb_v=-3, rgb_u=4).values)
+    return lf, disp
+
+
+def through_the_mosaic(folder):
+    """HCI views through the F01's mosaic. Its simulation knows no rounding of the lens centres: ρ is set to 0."""
+    views = xr.open_dataset(folder, engine="views").load()
+    views["rgb"] = views["rgb"] ** 2.2
+    known = "disparity" in views
+    centre = views["disparity"].sel(u=0, v=0) if known and "u" in views["disparity"].dims else views.get("disparity")
+    raw, truth = simulate_from_views(views, centre)
+    lattice = lattice_of(truth)
+    _, white = simulate_white(lattice, height=raw.sizes["y"], width=raw.sizes["x"], noise=False)
+    lf = lfflow.demultiplex(raw, white.rename(defects="pixel_flags")).compute()
+    disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
+    maps = {"estimated disparity": disp}
+    if known:
+        std = xr.full_like(truth["disparity"], 0.01)
+        own = xr.Dataset({"disparity": truth["disparity"], "disparity_std": std, "flags": (0 * std).astype("uint8")})
+        own = own.assign_coords(t=lf["t"], s=lf["s"])
+        maps["true disparity"] = lfflow.transpose_disparity(own, lf)
+    x, y = grid_of(lf).places(lf["t"], lf["s"])
+    at = lattice.nearest(*lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values))
+    row, column = at[0] * lattice.row_pitch, at[1] + lattice.row_offset(at[0])
+    place = column.astype(np.float32), row.astype(np.float32)
+    picture = cv2.remap(views["rgb"].sel(u=0, v=0).values.astype(np.float32), *place, cv2.INTER_LINEAR)
+    rows = {"raw first, edge-directed": raw_first(raw, white, lf), "per view, edge-directed": per_view(lf)}
+    for name, found in maps.items():
+        fields = [lf[n].values for n in ("mosaic", "cfa", "weight")]
+        fields += [found[n].values for n in ("disparity", "disparity_std")]
+        capture = prepare(fields, [lf[n].values for n in ("v", "u", "t", "s")], lattice_of(lf))
+        capture = capture._replace(samples=capture.samples._replace(residual=0 * capture.samples.residual))
+        rows[f"lfflow, {name}"] = one_view(capture, None, x, y, (0.0, 0.0), Rule(), on_lenses=True)[0]
+    inside = (row > 3) & (row < views.sizes["t"] - 4) & (column > 3) & (column < views.sizes["s"] - 4)
+    report(f"{folder} through the F01's mosaic, dB", rows, np.where(inside[..., None], picture, np.nan))
+
+
+def one_plane(disparity, seed, size=900):
+    """Capture of one natural texture on a plane, with its calibration and scene."""
+    rng = np.random.default_rng(seed)
+    texture = natural_texture(rng, 512, TINTS, roughness=1.1)
+    scene = Scene([Layer(texture, disparity, angle=0.4)])
+    raw, truth = simulate_capture(scene=scene, height=size, width=size, seed=seed, rgb_views=[0])
+    white, _ = simulate_white(height=size, width=size, seed=seed)
+    lf = lfflow.demultiplex(raw, lfflow.calibrate(white)).compute()
+    disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
+    return scene, lf, disp, truth
+
+
+def super_resolution(disparity, seed, scale=2.0, size=900):
+    scene, lf, disp, _ = one_plane(disparity, seed, size)
+    pictures = {k: reconstruct_views(lf, disp, views=CENTRE, scale=k)["rgb"].isel(v=0, u=0) for k in (1.0, scale)}
+    frame = frame_of(lattice_of(lf), size, size)
+
+    def truth_at(rgb, pitch):
+        y, x = np.meshgrid(rgb["t"] / pitch - frame.origin_y, rgb["s"] / pitch - frame.origin_x, indexing="ij")
+        out = np.empty((*x.shape, 3), np.float32)
+        rays.view_radiance(out, x, y, 0.0, 0.0, scene.arrays(), Optics(rays=24).ray_offsets())
+        return out
+
+    def enlarged(picture):
+        y, x = np.meshgrid(pictures[scale]["t"] / scale, pictures[scale]["s"] / scale, indexing="ij")
+        return cv2.remap(picture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC)
+
+    rows = {
+        "bicubic of lfflow at scale 1": enlarged(pictures[1.0].values),
+        "bicubic of the true view": enlarged(truth_at(pictures[1.0], 1.0)),
+        f"lfflow at scale {scale:g}": pictures[scale].values,
+    }
+    report(f"scale {scale:g}, plane at disparity {disparity}, seed {seed}, dB", rows, truth_at(pictures[scale], scale))
+
+
+def refocused(disparity, seed):
+    _, lf, disp, truth = one_plane(disparity, seed)
+    views = reconstruct_views(lf, disp)
+    cut = {"t": slice(10, -10), "s": slice(10, -10)}
+    sharp = truth["rgb"].sel(rgb_v=0, rgb_u=0).isel(cut)
+    picture = refocus(views, disparity).isel(cut)
+    centre = views["rgb"].sel(u=0, v=0).isel(cut)
+    whole = float((sharp.diff("s") ** 2).mean())
+    energies = [float((one.diff("s") ** 2).mean()) / whole for one in (picture, centre)]
+    print(f"refocus to a plane at {disparity}, seed {seed}: gradient energy / that of the true view")
+    print(f"  refocused {energies[0]:.3f}, reconstructed centre view {energies[1]:.3f}")
+
+
+def metres(seed, size=1240, focus=0.8):
+    """Depth of a simulated capture with known optics: error in units of its stated deviation."""
+    raw, truth = simulate_capture(height=size, width=size, seed=seed, rgb_views=[0], views=[0])
+    white, _ = simulate_white(height=size, width=size, seed=seed)
+    lf = lfflow.demultiplex(raw, lfflow.calibrate(white)).compute()
+    disp = lfflow.disparity(lf).compute()
+    found = depth(disp, focus_distance=focus)
+    true = depth(disp.assign(disparity=truth["disparity"].sel(u=0, v=0, drop=True)), focus_distance=focus)
+    score = np.abs((found["depth"] - true["depth"]) / found["depth_std"]).values[BORDER:-BORDER, BORDER:-BORDER]
+    score = score[np.isfinite(score)]
+    shares = [100 * float((score < k).mean()) for k in (1, 2, 3)]
+    print(f"depth, seed {seed}, focused at {focus} m: median {float(found['depth'].median()):.2f} m, "
+          f"stated deviation {float(found['depth_std'].median()):.3f} m")  # fmt: skip
+    print(
+        f"  within 1, 2, 3 deviations: {shares[0]:.1f} %, {shares[1]:.1f} %, {shares[2]:.1f} % (normal: 68, 95, 99.7)"
+    )
 
 
 def leave_out(lf, disp, share=0.1, seed=0):
@@ -99,36 +213,29 @@ def leave_out(lf, disp, share=0.1, seed=0):
     at = np.flatnonzero(lf["v"].values == 0)[0], np.flatnonzero(lf["u"].values == 0)[0]
     field["cfa"].values[at][hidden] = 255
     mosaic, colour = own["mosaic"].values, own["cfa"].values
-    _, edge = per_view(sparse_view(field), field)
-    rgb = predicted(field, disp)
-    out = {}
-    for name, picture in (("per view, edge-directed", edge), ("lfflow", rgb)):
+    for name, picture in (("per view, edge-directed", per_view(field)), ("lfflow", predicted(field, disp))):
         errors = [picture[..., c][hidden & (colour == c)] - mosaic[hidden & (colour == c)] for c in range(3)]
-        out[name] = [-10 * np.log10(np.nanmean(e**2)) for e in errors]
-    return out
+        red, green, blue = (-10 * np.log10(np.nanmean(e**2)) for e in errors)
+        print(f"  10 % left out, {name:24} R {red:.2f}  G {green:.2f}  B {blue:.2f} dB")
 
 
 def predicted(lf, disp):
     """Central view at the places where its samples were taken: aperture (0, 0) + ρ."""
-    lattice = lattice_of(lf)
-    cx, cy = lattice.centres(lf["t"].values[:, None], lf["s"].values)
-    rho = np.stack([np.floor(cx + 0.5) - cx, np.floor(cy + 0.5) - cy]).astype(np.float32)
-    v, u = np.meshgrid(lf["v"], lf["u"], indexing="ij")
-    keep = (lf["cfa"].values != 255).any(axis=(2, 3))
-    fields = [lf[n].values[keep] for n in ("mosaic", "weight")]
-    samples = Samples(
-        *fields, disp["disparity"].values[keep], lf["cfa"].values[keep], rho,
-        np.stack([u[keep], v[keep]], 1).astype(np.float32), np.array([lattice.row_pitch, 0.5, 0], np.float32),
-    )  # fmt: skip
+    fields = [lf[n].values for n in ("mosaic", "cfa", "weight")]
+    fields += [disp[n].values for n in ("disparity", "disparity_std")]
+    samples = prepare(fields, [lf[n].values for n in ("v", "u", "t", "s")], lattice_of(lf)).samples
     x, y = grid_of(lf).places(lf["t"], lf["s"])
     own = disp.sel(u=0, v=0)
-    std = np.nan_to_num(own["disparity_std"].values, nan=0.1)
-    rgb, _ = gather(samples, Targets(x, y, rho[0], rho[1], own["disparity"].values, std), Rule())
-    return fill_colours(rgb, x, y, own["disparity"].values, 0.06)[0]
+    d, std = own["disparity"].values, own["disparity_std"].values
+    rho = (field.ravel() for field in samples.residual)
+    targets = Targets(x.ravel(), y.ravel(), *rho, d.ravel(), doubt_of(d, std).ravel())
+    rgb = gather(samples, targets, Rule())[..., 0].reshape(*x.shape, 3)
+    return fill_colours(rgb, x, y, d, 0.06)[0]
 
 
 def timed(lf, disp):
-    reconstruct_views(lf, disp, views=CENTRE)
+    small = {"t": slice(0, 40)}
+    reconstruct_views(lf.isel(small), disp.isel(small))
     for name, views in (("one view", CENTRE), ("all views", None)):
         start = time.process_time()
         reconstruct_views(lf, disp, views=views)
@@ -136,18 +243,27 @@ def timed(lf, disp):
 
 
 def main() -> None:
-    for seed in (3, 4):
-        lf, disp, _, _ = simulated(seed, 1240)
-        for name, values in leave_out(lf, disp).items():
-            print(f"  10 % left out, {name:24} R {values[0]:.2f}  G {values[1]:.2f}  B {values[2]:.2f} dB")
-    timed(lf, disp)
-    for path in sys.argv[1:]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("captures", nargs="*")
+    parser.add_argument("--views", help="folder of views")
+    parser.add_argument("--seeds", type=int, nargs="*", default=[5, 6, 7])
+    given = parser.parse_args()
+    for seed in given.seeds:
+        lf, disp = simulated(seed, 1240)
+        leave_out(lf, disp)
+    for number, disparity in enumerate((0.31, -0.23)):
+        super_resolution(disparity, 20 + number)
+        refocused(disparity, 20 + number)
+    for seed in given.seeds:
+        metres(seed)
+    if given.views:
+        through_the_mosaic(given.views)
+    for path in given.captures:
         raw = xr.open_dataset(path, engine="lfp")
         lf = lfflow.demultiplex(raw, lfflow.calibrate(raw)).compute()
         disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
         print(path)
-        for name, values in leave_out(lf, disp).items():
-            print(f"  10 % left out, {name:24} R {values[0]:.2f}  G {values[1]:.2f}  B {values[2]:.2f} dB")
+        leave_out(lf, disp)
         timed(lf, disp)
 
 

@@ -13,48 +13,53 @@ Array = npt.NDArray[Any]
 _REACH = 3
 
 
-@numba.njit(nogil=True, cache=True)
-def _place_weight(x: Array, y: Array, disparity: Array, i: int, j: int, r: int, c: int, tolerance: float) -> float:
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _weight(x: Array, y: Array, disparity: Array, i: int, j: int, r: int, c: int, tolerance: float) -> float:
     dx, dy = x[r, c] - x[i, j], y[r, c] - y[i, j]
-    weight = 1.0 / (0.05 + dx * dx + dy * dy) ** 2
-    apart = disparity[r, c] - disparity[i, j]
+    weight = np.float32(1.0) / (np.float32(0.05) + dx * dx + dy * dy) ** 2
+    apart = (disparity[r, c] - disparity[i, j]) / np.float32(tolerance)
     if not np.isnan(apart):
-        weight /= (1.0 + (apart / tolerance) ** 2) ** 2
+        weight /= (np.float32(1.0) + apart * apart) ** 2
     return float(weight)
 
 
-@numba.njit(nogil=True, cache=True)
-def _mean_near(
-    rgb: Array, x: Array, y: Array, disparity: Array, i: int, j: int, channel: int, other: int, tolerance: float
-) -> float:
-    """Weighted mean of ``channel − other`` (or of ``channel`` when they are equal) around (i, j)."""
-    total, weight = 0.0, 0.0
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _add(sums: Array, near: Array, known: Array, weight: float) -> None:
+    """Add a neighbour's colours, and their differences from the `known` ones, to sums (wanted, other, 2)."""
+    for wanted in range(3):
+        for other in range(3):
+            if known[wanted] or not (other == wanted or known[other]):
+                continue
+            value = near[wanted] - (near[other] if other != wanted else np.float32(0.0))
+            if not np.isnan(value):
+                sums[wanted, other, 0] += weight * value
+                sums[wanted, other, 1] += weight
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _guess(rgb: Array, x: Array, y: Array, disparity: Array, i: int, j: int, tolerance: float, out: Array) -> None:
+    """Write the missing colours of place (i, j) into `out` (3,)."""
+    known = ~np.isnan(rgb[i, j])
+    sums = np.zeros((3, 3, 2))
     for r in range(max(i - _REACH, 0), min(i + _REACH + 1, rgb.shape[0])):
         for c in range(max(j - _REACH, 0), min(j + _REACH + 1, rgb.shape[1])):
-            value = rgb[r, c, channel] - (rgb[r, c, other] if other != channel else np.float32(0.0))
-            if not np.isnan(value):
-                w = _place_weight(x, y, disparity, i, j, r, c, tolerance)
-                total += w * value
-                weight += w
-    return float(total / weight) if weight > 0 else np.nan
+            if not np.isnan(rgb[r, c]).all():
+                _add(sums, rgb[r, c], known, _weight(x, y, disparity, i, j, r, c, tolerance))
+    for wanted in range(3):
+        if known[wanted]:
+            continue
+        out[wanted] = sums[wanted, wanted, 0] / sums[wanted, wanted, 1]
+        for other in (2, 0, 1):
+            if known[other] and sums[wanted, other, 1] > 0:
+                out[wanted] = max(rgb[i, j, other] + sums[wanted, other, 0] / sums[wanted, other, 1], 0.0)
 
 
-@numba.njit(nogil=True, cache=True)
-def _guess(rgb: Array, x: Array, y: Array, disparity: Array, i: int, j: int, channel: int, tolerance: float) -> float:
-    for other in (1, 0, 2):
-        if other != channel and not np.isnan(rgb[i, j, other]):
-            difference = _mean_near(rgb, x, y, disparity, i, j, channel, other, tolerance)
-            if not np.isnan(difference):
-                return float(max(rgb[i, j, other] + difference, 0.0))
-    return _mean_near(rgb, x, y, disparity, i, j, channel, channel, tolerance)
-
-
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def fill_colours(rgb: Array, x: Array, y: Array, disparity: Array, tolerance: float) -> tuple[Array, Array]:
     """Picture with its NaN colours interpolated from places of the same surface nearby, and which ones were.
 
-    Where another colour is known, the difference of the two is interpolated (it is smoother than either), else the
-    colour itself.
+    Where another colour is known (green first), the difference of the two is interpolated (it is smoother than either),
+    else the colour itself.
 
     Parameters
     ----------
@@ -74,8 +79,10 @@ def fill_colours(rgb: Array, x: Array, y: Array, disparity: Array, tolerance: fl
     bits = np.zeros(rgb.shape[:2], dtype=np.uint8)
     for i in range(rgb.shape[0]):
         for j in range(rgb.shape[1]):
+            if not np.isnan(rgb[i, j, 0] + rgb[i, j, 1] + rgb[i, j, 2]):
+                continue
+            _guess(rgb, x, y, disparity, i, j, tolerance, out[i, j])
             for channel in range(3):
                 if np.isnan(rgb[i, j, channel]):
-                    out[i, j, channel] = _guess(rgb, x, y, disparity, i, j, channel, tolerance)
                     bits[i, j] |= 8 if np.isnan(out[i, j, channel]) else 1 << channel
     return out, bits

@@ -14,45 +14,31 @@ _JUMP = 0.1
 """Disparity difference (lens pitches per view step) across which maps are not interpolated."""
 
 
-@numba.njit(nogil=True, cache=True)
-def _corner(low: int, fraction: float, count: int, step: int) -> tuple[int, float]:
-    place = min(max(low + step, 0), count - 1)
-    return place, (fraction if step == 1 else 1.0 - fraction)
-
-
-@numba.njit(nogil=True, cache=True)
-def _nearest_wins(found: Array, share: Array) -> float:
-    """Weighted mean of the values near that of the largest share; NaN when there is none."""
-    best = -1
-    for k in range(4):
-        if not np.isnan(found[k]) and (best < 0 or share[k] > share[best]):
-            best = k
-    if best < 0:
-        return np.nan
-    total, weight = 0.0, 0.0
-    for k in range(4):
-        if abs(found[k] - found[best]) < _JUMP:
-            total += share[k] * found[k]
-            weight += share[k]
-    return total / weight if weight > 0 else found[best]
-
-
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _read(values: Array, x: float, y: float, geometry: Array) -> float:
-    """Bilinear between the four lenses around (x, y), but never across a jump."""
+    """Bilinear between the four lenses around (x, y), but never across a jump: the nearest lens tells the surface."""
     rows, columns = values.shape
     pitch, half, odd = geometry[0], geometry[1], int(geometry[2])
-    found, share = np.empty(4), np.empty(4)
     upper = int(np.floor(y / pitch))
-    for r in range(2):
-        row, across = _corner(upper, y / pitch - upper, rows, r)
-        place = x - half * ((row + odd) & 1)
-        left = int(np.floor(place))
-        for c in range(2):
-            column, along = _corner(left, place - left, columns, c)
-            found[2 * r + c] = values[row, column]
-            share[2 * r + c] = across * along
-    return _nearest_wins(found, share)
+    down = y / pitch - upper
+    best, most = np.float32(np.nan), np.float32(-1.0)
+    total, weight = np.float32(0.0), np.float32(0.0)
+    for again in range(2):
+        for corner in range(4):
+            row = upper + (corner >> 1)
+            place = x - half * ((row + odd) & 1)
+            left = int(np.floor(place))
+            along = place - left
+            share = (down if corner >> 1 else 1.0 - down) * (along if corner & 1 else 1.0 - along)
+            value = values[min(max(row, 0), rows - 1), min(max(left + (corner & 1), 0), columns - 1)]
+            if np.isnan(value):
+                continue
+            if again == 0 and share > most:
+                best, most = value, share
+            elif again == 1 and abs(value - best) < _JUMP:
+                total += share * value
+                weight += share
+    return float(total / weight) if weight > 0 else float(best)
 
 
 @numba.njit(nogil=True, cache=True)

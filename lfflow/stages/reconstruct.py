@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
-from scipy.ndimage import maximum_filter, minimum_filter
 
-from lfflow.conventions import CFA_NONE, CHANNELS, FIELD_DIMS
-from lfflow.distortion import Distortion
+from lfflow.conventions import CHANNELS, FIELD_DIMS
 from lfflow.errors import SchemaError
-from lfflow.kernels.demultiplex import residuals
-from lfflow.kernels.gather import Rule, Samples, Targets, gather
-from lfflow.kernels.guided import fill_colours
-from lfflow.kernels.warp import read_disparity
+from lfflow.kernels.gather import Rule
+from lfflow.kernels.surface_colour import surface_shape
+from lfflow.kernels.synthesis import Capture, Surface, one_view, prepare, surface_of
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import DISPARITY, VIEWS, distortion_numbers, lattice_of
+from lfflow.schema import DISPARITY, VIEWS, lattice_of
 from lfflow.stages.grid import Grid, grid_from, grid_of, square_lattice
 from lfflow.stages.on_field import LATTICE_NAMES
 
@@ -27,7 +24,11 @@ Array = npt.NDArray[Any]
 FILLED = {"red_interpolated": 1, "green_interpolated": 2, "blue_interpolated": 4, "no_data": 8}
 """Bits of ``filled``: colours that no sample of another view could give."""
 
-_UNKNOWN_STD = 0.1
+_FEW = 4
+"""So many views are gathered one by one; more share the surfaces of the central view."""
+_FIELD = list(FIELD_DIMS)
+_CAPTURE_CORES = [_FIELD] * 5 + [[]] * 6 + [[dim] for dim in FIELD_DIMS]
+_SURFACE_DIMS = ["surface_y", "surface_x"]
 
 
 def reconstruct_views(
@@ -37,6 +38,7 @@ def reconstruct_views(
     views: Mapping[str, Sequence[float]] | None = None,
     scale: float | None = None,
     rule: Rule | None = None,
+    shared: bool | None = None,
 ) -> xr.Dataset:
     """Every colour at every place: same-colour samples of all views gathered along the disparity.
 
@@ -58,6 +60,10 @@ def reconstruct_views(
         None: on the lenses, in the brick layout. A number: on the square grid with so many places per lens pitch.
     rule
         How samples are weighed.
+    shared
+        True: the samples of all views are gathered once, on the surfaces that the central view sees; each view reads
+        them there, corrects them by its own samples, and gathers only what the centre does not see. False: every view
+        gathers for itself, which costs ten times as much for all views. By default True for more than four views.
 
     Returns
     -------
@@ -73,23 +79,25 @@ def reconstruct_views(
     _check(lf, disp)
     wanted = {dim: np.asarray((views or {}).get(dim, lf[dim]), dtype=np.float64) for dim in ("v", "u")}
     geometry = _output_grid(lf, scale)
-    arrays = [_whole(lf[name]) for name in ("mosaic", "cfa", "weight")]
-    arrays += [_whole(disp[name]) for name in ("disparity", "disparity_std")]
-    rule = rule or Rule(neighbours=1 if scale is None else 2)
+    fields = [_whole(lf[name]) for name in ("mosaic", "cfa", "weight")]
+    fields += [_whole(disp[name]) for name in ("disparity", "disparity_std")]
+    rule = rule or Rule()
+    inputs = [*fields, *(_plain(lf[name]) for name in LATTICE_NAMES)]
+    inputs += [xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS]
+    if shared is None:
+        shared = wanted["v"].size * wanted["u"].size > _FEW
+    surfaces = _surfaces(lf, inputs, rule) if shared else []
 
-    def one(*args: Any) -> tuple[Array, Array, Array, Array]:
-        return _one_view(args[:5], args[5:12], args[12:14], args[14:], scale=scale, rule=rule)
+    def work(*blocks: Array) -> tuple[Array, ...]:
+        return _views(blocks, scale, rule, shared=bool(shared))
 
     parts = xr.apply_ufunc(
-        one,
-        *arrays,
-        *(_plain(lf[name]) for name in LATTICE_NAMES),
-        distortion_numbers(lf),
-        *_view_tasks(wanted, arrays),
-        *(xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS),
-        input_core_dims=[list(FIELD_DIMS)] * 5 + [[]] * 6 + [["axis", "term"], [], []] + [[dim] for dim in FIELD_DIMS],
+        work,
+        *inputs,
+        *_view_tasks(wanted, fields),
+        *surfaces,
+        input_core_dims=_CAPTURE_CORES + [[], []] + [[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] * len(surfaces[1:]),
         output_core_dims=[["t_out", "s_out", "channel"], *([["t_out", "s_out"]] * 3)],
-        vectorize=True,
         dask="parallelized",
         output_dtypes=["float32", "uint8", "float32", "float32"],
         dask_gufunc_kwargs={"output_sizes": {**_sizes(geometry), "channel": 3}},
@@ -107,6 +115,80 @@ def reconstruct_views(
     }
     lead = [dim for dim in ("capture",) if dim in out.dims]
     return VIEWS.annotate(out.transpose(*lead, *FIELD_DIMS, "channel", ...))
+
+
+def _surfaces(lf: xr.Dataset, inputs: Sequence[xr.DataArray], rule: Rule) -> list[xr.DataArray]:
+    """Colours and disparity of the surfaces that the central view sees, one task a capture."""
+    row_pitch = grid_of(lf).row_pitch
+    rows, columns = surface_shape(float(lf.sizes["s"]), (lf.sizes["t"] - 1) * row_pitch)
+
+    def work(*blocks: Array) -> tuple[Array, Array]:
+        lead = _lead(blocks, _CAPTURE_CORES)
+        planes = np.empty((*lead, rows, columns, 9), dtype=np.float32)
+        disparity = np.empty((*lead, rows, columns), dtype=np.float32)
+        for index in np.ndindex(*lead):
+            capture, _, _ = _capture(_at(blocks, _CAPTURE_CORES, index))
+            surface = surface_of(capture, (rows, columns), rule)
+            planes[index], disparity[index] = surface.planes.reshape(rows, columns, 9), surface.disparity
+        return planes, disparity
+
+    parts: tuple[xr.DataArray, xr.DataArray] = xr.apply_ufunc(
+        work,
+        *inputs,
+        input_core_dims=_CAPTURE_CORES,
+        output_core_dims=[[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS],
+        dask="parallelized",
+        output_dtypes=["float32", "float32"],
+        dask_gufunc_kwargs={"output_sizes": {"surface_y": rows, "surface_x": columns, "plane": 9}},
+    )
+    return list(parts)
+
+
+def _views(blocks: Sequence[Array], scale: float | None, rule: Rule, *, shared: bool) -> tuple[Array, ...]:
+    """Views of a block of captures and viewpoints; what a capture's views share is prepared once."""
+    cores = [*_CAPTURE_CORES, [], [], *([[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] if shared else [])]
+    lead = _lead(blocks, cores)
+    out: list[Array] = []
+    for index in np.ndindex(*lead[:-2]):
+        capture, grid, axes = _capture(_at(blocks[:15], _CAPTURE_CORES, (*index, 0, 0)))
+        x, y = _places(grid, *axes, scale)
+        surface = None
+        if shared:
+            planes, there = _at(blocks[17:], cores[17:], (*index, 0, 0))
+            surface = Surface(planes.reshape(*there.shape, 3, 3), there)
+        for view in np.ndindex(*lead[-2:]):
+            v, u = (float(value) for value in _at(blocks[15:17], [[], []], (*index, *view)))
+            found = one_view(capture, surface, x, y, (v, u), rule, on_lenses=scale is None)
+            if not out:
+                out = [np.empty((*lead, *part.shape), dtype=part.dtype) for part in found]
+            for whole, part in zip(out, found, strict=True):
+                whole[(*index, *view)] = part
+    return tuple(out)
+
+
+def _lead(blocks: Sequence[Array], cores: Sequence[Sequence[str]]) -> tuple[int, ...]:
+    """Shape of the loop dims of arrays whose last dims are the core dims."""
+    return np.broadcast_shapes(
+        *(block.shape[: block.ndim - len(core)] for block, core in zip(blocks, cores, strict=True))
+    )
+
+
+def _at(blocks: Sequence[Array], cores: Sequence[Sequence[str]], index: tuple[int, ...]) -> list[Array]:
+    """Core arrays at an index of the loop dims, which broadcast."""
+    found = []
+    for block, core in zip(blocks, cores, strict=True):
+        lead = block.shape[: block.ndim - len(core)]
+        own = index[len(index) - len(lead) :] if lead else ()
+        found.append(block[tuple(k if size > 1 else 0 for k, size in zip(own, lead, strict=True))])
+    return found
+
+
+def _capture(arrays: Sequence[Array]) -> tuple[Capture, Grid, tuple[Array, Array]]:
+    """One capture from the inputs in the order of `_CAPTURE_CORES`; its grid; its axes t and s."""
+    dh, dv, theta, cx, cy = (float(value) for value in arrays[5:10])
+    lattice = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(arrays[10])])
+    axes = arrays[11:15]
+    return prepare(arrays[:5], axes, lattice), grid_from(dh, dv, int(arrays[10])), (axes[2], axes[3])
 
 
 def _check(lf: xr.Dataset, disp: xr.Dataset) -> None:
@@ -185,76 +267,6 @@ def _coords(
         per_pixel = lf["dh"].variable / scale
         return out | {"dh": per_pixel, "dv": per_pixel, "arrangement": np.uint8(1), "scale": np.float64(scale)}
     return out | square_lattice(lattice_of(lf), scale)
-
-
-def _one_view(
-    arrays: Sequence[Array],
-    lattice: Sequence[Array],
-    view: Sequence[Array],
-    axes: Sequence[Array],
-    *,
-    scale: float | None,
-    rule: Rule,
-) -> tuple[Array, Array, Array, Array]:
-    mosaic, cfa, weight, disparity, std = (np.ascontiguousarray(array) for array in arrays)
-    v, u, t, s = axes
-    target_v, target_u = float(view[0]), float(view[1])
-    dh, dv, theta, cx, cy = (float(value) for value in lattice[:5])
-    numbers = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(lattice[5])])
-    grid = grid_from(numbers.dh, numbers.dv, int(lattice[5]))
-    near = int(np.argmin(np.abs(v - target_v))), int(np.argmin(np.abs(u - target_u)))
-    rho = np.stack(residuals(numbers, t, s, Distortion(lattice[6]))).astype(np.float32)
-    samples = _samples(rho, grid, (mosaic, cfa, weight, disparity), (v, u, t, s), reach=rule.reach, view=view)
-    x, y = _places(grid, t, s, scale)
-    doubt = _doubt(disparity[near], std[near])
-    off_grid = (target_u - u[near[1]], target_v - v[near[0]])
-    if scale is None and off_grid == (0.0, 0.0):
-        there, spread = disparity[near], doubt
-    else:
-        there = read_disparity(disparity[near], x, y, *off_grid, samples.geometry)
-        spread = read_disparity(doubt, x, y, 0.0, 0.0, samples.geometry)
-    targets = Targets(x, y, np.full_like(x, target_u), np.full_like(x, target_v), there, spread)
-    rgb, _ = gather(samples, targets, rule)
-    rgb, filled = fill_colours(rgb, x, y, there, rule.tolerance)
-    return rgb, filled, there, spread
-
-
-def _doubt(disparity: Array, std: Array) -> Array:
-    """Standard deviation (t, s), raised at jumps of the disparity: a lens on an edge mixes two surfaces.
-
-    There, only views near the wanted one show the same mixture.
-    """
-    known = np.isfinite(disparity)
-    level = float(np.median(disparity[known])) if known.any() else 0.0
-    filled = np.where(known, disparity, level)
-    jump = maximum_filter(filled, 3) - minimum_filter(filled, 3)
-    return np.asarray(np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), jump), dtype=np.float32)
-
-
-def _samples(
-    residual: Array,
-    grid: Grid,
-    fields: Sequence[Array],
-    axes: Sequence[Array],
-    *,
-    reach: float,
-    view: Sequence[Array],
-) -> Samples:
-    """Views that hold samples and lie within reach, as the kernel wants them."""
-    mosaic, cfa, weight, disparity = fields
-    v, u, t, _ = axes
-    at_v, at_u = np.meshgrid(v, u, indexing="ij")
-    near = (np.abs(at_v - float(view[0])) <= reach) & (np.abs(at_u - float(view[1])) <= reach)
-    keep = near & (cfa != CFA_NONE).any(axis=(2, 3))
-    return Samples(
-        mosaic[keep],
-        weight[keep],
-        disparity[keep],
-        cfa[keep],
-        residual,
-        np.stack([at_u[keep], at_v[keep]], axis=1).astype(np.float32),
-        np.array([grid.row_pitch, grid.offset, t[0] % 2], dtype=np.float32),
-    )
 
 
 def _places(grid: Grid, t: Array, s: Array, scale: float | None) -> tuple[Array, Array]:
