@@ -157,6 +157,8 @@ LIGHTFIELD = Schema(
             flags={"red": 0, "green": 1, "blue": 2, "no_sample": 255},
         ),
         Variable("weight", ("v", "u", "t", "s"), "float32", "confidence by vignetting, 0 to 1", keep_bits=7),
+        Variable("view_usable", ("v", "u"), "bool", "view with a median weight that is not negligible",
+                 coordinate=True, required=False),
         *scalars(_LATTICE, coordinate=True),
         _arrangement(coordinate=True),
         *_BEND_AXES,

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS, view_radius
-from lfflow.conventions import FIELD_DIMS, SENSOR_DIMS, SITES
+from lfflow.conventions import FIELD_DIMS, SENSOR_DIMS, SITES, VIEW_DIMS
 from lfflow.distortion import Distortion
 from lfflow.errors import LfflowError
-from lfflow.kernels.demultiplex import FieldArrays, demultiplex_frame, empty_field
+from lfflow.kernels.demultiplex import FieldArrays, demultiplex_frame
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
 from lfflow.stages.defects import with_defects
+
+Method = Literal["nearest", "interpolated"]
 
 _LATTICE_NAMES = (*PARAMETERS, "arrangement")
 
@@ -28,6 +30,7 @@ def demultiplex(
     shape: tuple[int, int] | None = None,
     radius: int | None = None,
     defects: xr.DataArray | None = None,
+    method: Method = "nearest",
 ) -> xr.Dataset:
     """Mosaicked light field of a raw frame: every usable sensor pixel at its view and lens (METHOD 7.a, 7.1).
 
@@ -44,13 +47,18 @@ def demultiplex(
         Views run over −radius…radius in u and v; by default as far as the subimage reaches.
     defects
         Flags (y, x) of sensor pixels that are left out beside those of `cal` (`lfflow.stages.defects`).
+    method
+        "nearest": every sample is a sensor pixel's own, taken at the place (u, v) + ρ of the aperture (METHOD 7).
+        "interpolated", for comparison only: the radiance is moved to (u, v) itself by the slopes between the pixels of
+        the same colour in the same subimage; colours and weights are those of the nearest pixels.
 
     Returns
     -------
     xr.Dataset
         `schema.LIGHTFIELD`: ``mosaic`` (radiance, no white balance), ``cfa`` and ``weight``, dims (v, u, t, s) with
-        the leading dims of `raw`; the lattice renumbered for this grid and the camera's settings as coordinates. Where
-        there is no sample: NaN, 255 and 0. A clipped sample keeps its value, with a weight far below all others
+        the leading dims of `raw`; ``view_usable`` (v, u), the lattice renumbered for this grid and the camera's
+        settings as coordinates. Where there is no sample: NaN, 255 and 0. A clipped sample keeps its value, with a
+        weight far below all others
         (`lfflow.stages.samples.saturated`). Lazy where `raw` or `cal` is.
 
     Raises
@@ -71,7 +79,7 @@ def demultiplex(
         output_dtypes=[np.float64, np.float64],
     )
     lattice[3:5] = anchored
-    mosaic, cfa, weight = xr.apply_ufunc(
+    mosaic, cfa, weight, usable = xr.apply_ufunc(
         _demultiplex_block,
         _whole(raw["raw"].variable),
         _whole(cal["vignetting"].variable),
@@ -80,16 +88,17 @@ def demultiplex(
         distortion_numbers(cal).variable,
         raw["cfa_pattern"].variable,
         *lattice,
-        kwargs={"shape": shape, "radius": radius},
+        kwargs={"shape": shape, "radius": radius, "interpolated": _is_interpolated(method)},
         input_core_dims=[SENSOR_DIMS] * 3 + [("site",)] * 2 + [("axis", "term")] + [()] * 7,
-        output_core_dims=[FIELD_DIMS] * 3,
+        output_core_dims=[FIELD_DIMS] * 3 + [VIEW_DIMS],
         dask="parallelized",
-        output_dtypes=[np.float32, np.uint8, np.float32],
+        output_dtypes=[np.float32, np.uint8, np.float32, np.bool_],
         dask_gufunc_kwargs={
             "output_sizes": {"v": 2 * radius + 1, "u": 2 * radius + 1, "t": shape[0], "s": shape[1]},
         },
     )
     field = xr.Dataset({"mosaic": mosaic, "cfa": cfa, "weight": weight}, coords=_axes(shape, radius))
+    field = field.assign_coords(view_usable=usable)
     field = field.assign_coords(dict(zip(_LATTICE_NAMES, lattice, strict=True)))
     if "distortion" in cal.variables:
         field = field.assign_coords(distortion=distortion_numbers(cal))
@@ -169,6 +178,7 @@ def _demultiplex_block(
     *numbers: npt.NDArray[Any],
     shape: tuple[int, int],
     radius: int,
+    interpolated: bool,
 ) -> tuple[npt.NDArray[Any], ...]:
     scalars = [np.asarray(array) for array in (pattern, *numbers)]
     outer = np.broadcast_shapes(
@@ -181,9 +191,11 @@ def _demultiplex_block(
     distortion = np.broadcast_to(distortion, outer + distortion.shape[-2:])
     patterns, *lattice_numbers = (np.broadcast_to(a, outer) for a in scalars)
     views = 2 * radius + 1
-    out = empty_field((*outer, views, views, *shape))
+    size = (*outer, views, views, *shape)
+    out = FieldArrays(np.empty(size, np.float32), np.empty(size, np.uint8), np.empty(size, np.float32))
+    usable = np.empty((*outer, views, views), np.bool_)
     for index, lattice in zip(np.ndindex(outer), lattices_from(lattice_numbers), strict=True):
-        demultiplex_frame(
+        usable[index] = demultiplex_frame(
             raw[index],
             vignetting[index],
             flags[index],
@@ -193,8 +205,15 @@ def _demultiplex_block(
             pattern=str(patterns[index]),
             out=FieldArrays(out.mosaic[index], out.cfa[index], out.weight[index]),
             distortion=Distortion(distortion[index]),
+            interpolated=interpolated,
         )
-    return out.mosaic, out.cfa, out.weight
+    return out.mosaic, out.cfa, out.weight, usable
+
+
+def _is_interpolated(method: str) -> bool:
+    if method not in get_args(Method):
+        raise LfflowError(f"method is {method!r}: expected one of {', '.join(get_args(Method))}")
+    return method == "interpolated"
 
 
 def _whole(variable: xr.Variable) -> xr.Variable:

@@ -16,6 +16,7 @@ from lfflow.errors import LfflowError
 from lfflow.kernels.demultiplex import MIN_VIGNETTING, SATURATED_WEIGHT, round_to_pixel
 from lfflow.lattice import Lattice
 from lfflow.schema import LIGHTFIELD, lattice_of, lattice_variables
+from lfflow.simulate import simulate_white
 from lfflow.stages.demultiplex import demultiplex
 
 SEED_LATTICE = Lattice(10.00861, 10.01028, 0.00143, 5.3, 7.1)
@@ -174,3 +175,57 @@ def test_captures_of_a_known_model_share_one_shape() -> None:
     assert (lf.sizes["u"], lf.mosaic.chunks is not None) == (11, True)
     other = calibration(Lattice(10.05, 9.95, -0.009, 3, 3), 3280, 3280).chunk()
     assert demultiplex(raw.assign_coords(camera_model="F01").chunk(), other).sizes == lf.sizes
+
+
+@pytest.mark.parametrize("arrangement", ["hexagonal", "square"])
+def test_interpolated_samples_lie_at_their_views(arrangement: Any) -> None:
+    """Light that is linear in the aperture, with other slopes in every colour and lens: exact at (u, v), not at ρ."""
+    lattice = Lattice(10.0086, 9.97, 0.013, 3.3, 4.7, arrangement)
+    height, width = 130, 150
+    y, x = np.mgrid[:height, :width]
+    t, s = lattice.nearest(x, y)
+    cx, cy = lattice.centres(t, s)
+    colour = np.array([[2, 1], [1, 0]])[y % 2, x % 2]
+    slopes = np.array([[70.0, -40.0], [20.0, 90.0], [-60.0, 30.0]])
+
+    def light(a: np.ndarray, b: np.ndarray, t: np.ndarray, s: np.ndarray, colour: np.ndarray) -> np.ndarray:
+        tilt = 1 + 0.5 * np.sin(0.3 * t + 0.2 * s)
+        return 2000 + 200 * colour + tilt * (slopes[colour, 0] * a + slopes[colour, 1] * b)
+
+    raw, cal = frame(height, width), calibration(lattice, height, width)
+    raw = raw.assign_coords(black_level=("site", np.zeros(4)), white_level=("site", np.full(4, 4096.0)))
+    raw["raw"] = (("y", "x"), np.rint(light(x - cx, y - cy, t, s, colour)).astype(np.uint16))
+    cal["vignetting"], cal["pixel_flags"] = cal["vignetting"] * 0 + 1, cal["pixel_flags"] * 0
+    nearest, moved = demultiplex(raw, cal, radius=2), demultiplex(raw, cal, radius=2, method="interpolated")
+    np.testing.assert_array_equal(nearest["cfa"], moved["cfa"])
+    np.testing.assert_array_equal(nearest["weight"], moved["weight"])
+    mine = lattice_of(moved)
+    v, u, rows, columns = np.nonzero(moved["cfa"].values != 255)
+    own_t, own_s = lattice.nearest(*mine.centres(rows, columns))
+    seen = moved["cfa"].values[v, u, rows, columns].astype(int)
+    expected = light(moved["u"].values[u], moved["v"].values[v], own_t, own_s, seen)
+    inner = (rows > 1) & (columns > 1) & (rows < moved.sizes["t"] - 2) & (columns < moved.sizes["s"] - 2)
+    for field, low, high in ((moved, 0.0, 1.1), (nearest, 20.0, 200.0)):
+        error = np.abs(field["mosaic"].values[v, u, rows, columns] * 4096 - expected)[inner].max()
+        assert low <= error <= high
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(LfflowError, match="nearest, interpolated"):
+        demultiplex(frame(40, 40), calibration(SEED_LATTICE, 40, 40), method="cubic")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("camera", ["f01", "illum"])
+def test_usable_views_are_those_with_light_in_the_median(camera: str) -> None:
+    raw, truth = simulate_white(height=330, width=350, camera=camera)
+    lf = demultiplex(raw, truth.rename(defects="pixel_flags"))
+    x, y = lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values)
+    x, y = round_to_pixel(x), round_to_pixel(y)
+    on_sensor = (x >= 0) & (x < 350) & (y >= 0) & (y < 330)
+    median = np.median(lf["weight"].values[..., on_sensor], axis=-1)
+    np.testing.assert_array_equal(lf["view_usable"], median >= MIN_VIGNETTING)
+    middle = lf["view_usable"].sel(v=0)
+    radius = {"f01": 4, "illum": 6}[camera]
+    assert middle.sel(u=slice(-radius, radius)).all()
+    assert not lf["view_usable"].isel(v=0, u=0)
+    assert lf["mosaic"].sel(v=0, u=1)["view_usable"].item() is True
