@@ -18,6 +18,7 @@ def simulate(
     seed: int = 0,
     camera: Literal["f01", "illum"] = "f01",
     zooms: int = 1,
+    focuses: int = 1,
     scene: Literal["natural", "hard"] = "natural",
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -35,6 +36,8 @@ def simulate(
         Camera model.
     zooms
         Number of zoom settings that the captures take in turn, each with a white image.
+    focuses
+        Number of focus settings at each zoom that have a white image of their own.
     scene
         natural: detail everywhere; hard: plain surfaces, thin things before them, slanted planes.
     json_
@@ -42,11 +45,11 @@ def simulate(
     """
     from lfflow.simulate.collection import TRUTH, simulate_collection
 
-    if captures < 0 or zooms < 1:
-        sys.stderr.write("lfflow: --captures must be 0 or more, --zooms 1 or more\n")
+    if captures < 0 or zooms < 1 or focuses < 1:
+        sys.stderr.write("lfflow: --captures must be 0 or more, --zooms and --focuses 1 or more\n")
         return 1
     started = time.perf_counter()
-    files = simulate_collection(out, captures, seed, camera, zooms=zooms, scene=scene)
+    files = simulate_collection(out, captures, seed, camera, zooms=zooms, focuses=focuses, scene=scene)
     seconds = time.perf_counter() - started
     if json_:
         document = {"files": [str(file) for file in files], "truth": str(out / TRUTH), "seconds": round(seconds, 3)}

@@ -17,6 +17,8 @@ from lfflow.simulate.metadata import private_metadata
 TRUTH = "truth.zarr"
 RGB_VIEWS = (-4, 0, 4)
 """View offsets whose radiance is kept; disparity is kept for every view."""
+FOCUS, FOCUS_REACH = 582.0, (-200, 400)
+"""Focus step of captures, and how far from it they go when the zoom varies too."""
 ISO_STEPS = (80.0, 100.0, 125.0, 200.0)
 
 
@@ -27,6 +29,7 @@ def simulate_collection(
     camera: str | Body = "f01",
     *,
     zooms: int = 1,
+    focuses: int = 1,
     scene: str = "natural",
     height: int | None = None,
     width: int | None = None,
@@ -34,9 +37,9 @@ def simulate_collection(
 ) -> list[Path]:
     """Write white images and captures as the camera's files, with their truth.
 
-    Files: ``WHITE_0001.lfp`` (one for each zoom), ``IMG_0001.lfp`` and on, and ``truth.zarr`` with a group per file:
-    the scalars of the lattice; for captures also disparity(v, u, t, s) of every view and, in the subgroup ``views``,
-    rgb(v, u, t, s, channel) of nine views.
+    Files: ``WHITE_0001.lfp`` (one for each zoom and focus), ``IMG_0001.lfp`` and on, and ``truth.zarr`` with a group
+    per file: the scalars of the lattice; for captures also disparity(v, u, t, s) of every view and, in the subgroup
+    ``views``, rgb(v, u, t, s, channel) of nine views.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ def simulate_collection(
         "f01", "illum" or a `Body`.
     zooms
         Number of zoom settings that the captures take in turn. With more than one, the pitch varies as 1 + f/Z.
+    focuses
+        Number of focus settings, over which the white images of each zoom are spread; one: that of a capture.
     scene
         Kind of the scenes: "natural" or "hard" (`simulate_capture`).
     height, width
@@ -68,9 +73,8 @@ def simulate_collection(
     settings = settings_of(body, captures, seed, zooms)
     size: dict[str, Any] = {"height": height, "width": width, "seed": seed, "camera": body}
     files = []
-    for number in range(zooms):
+    for number, setting in enumerate(white_settings(body, settings, zooms, focuses)):
         name = f"WHITE_{number + 1:04d}"
-        setting = replace(settings[number % len(settings)] if settings else Setting(), iso=body.base_iso)
         raw, truth = simulate_white(setting=setting, capture=name, **size, **options)
         files.append(write_capture(folder, raw, body))
         _write_truth(folder / TRUTH, truth, ("vignetting",))
@@ -93,15 +97,33 @@ def _capture(setting: Setting, name: str, options: dict[str, Any]) -> tuple[xr.D
 
 def settings_of(body: Body, captures: int, seed: int, zooms: int) -> list[Setting]:
     """Setting of every capture: zooms in turn from the wide end on, focus and sensitivity by chance."""
-    wide, tele = body.wide[0], body.tele[0]
-    steps = [wide + (tele - wide) * i / max(zooms, 2) for i in range(zooms)]
+    steps = _zoom_steps(body, zooms)
     settings = []
     for number in range(captures):
         rng = np.random.default_rng([seed, 3, number])
         iso = ISO_STEPS[int(rng.integers(len(ISO_STEPS)))]
-        focus = 582.0 + (round(float(rng.uniform(-200, 400))) if zooms > 1 else 0)
-        settings.append(Setting(round(steps[number % zooms]), focus, iso, round(float(iso) / 80 / 60, 6)))
+        focus = FOCUS + (round(float(rng.uniform(*FOCUS_REACH))) if zooms > 1 else 0)
+        settings.append(Setting(steps[number % zooms], focus, iso, round(float(iso) / 80 / 60, 6)))
     return settings
+
+
+def white_settings(body: Body, settings: list[Setting], zooms: int, focuses: int) -> list[Setting]:
+    """Settings of the white images: those of the first captures, or a grid of `zooms` × `focuses`."""
+    if focuses == 1:
+        return [
+            replace(settings[n % len(settings)] if settings else Setting(), iso=body.base_iso) for n in range(zooms)
+        ]
+    reach = np.linspace(*FOCUS_REACH, focuses)
+    return [
+        Setting(zoom, FOCUS + round(float(shift)), body.base_iso)
+        for zoom in _zoom_steps(body, zooms)
+        for shift in reach
+    ]
+
+
+def _zoom_steps(body: Body, zooms: int) -> list[int]:
+    wide, tele = body.wide[0], body.tele[0]
+    return [round(wide + (tele - wide) * i / max(zooms, 2)) for i in range(zooms)]
 
 
 def write_capture(folder: Path, raw: xr.Dataset, body: Body) -> Path:

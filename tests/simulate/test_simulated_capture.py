@@ -8,6 +8,8 @@ import pytest
 from lfflow.lattice import Lattice
 from lfflow.schema import RAW, lattice_of
 from lfflow.simulate import simulate_capture, simulate_white
+from lfflow.simulate.body import BODIES
+from lfflow.simulate.collection import settings_of, white_settings
 from lfflow.simulate.optics import Optics
 from lfflow.simulate.scene import Layer, Scene
 from lfflow.simulate.texture import flat_texture, wave_texture
@@ -172,3 +174,14 @@ def test_crosstalk_keeps_the_light() -> None:
     before, after = (float((ds["raw"].isel(inner) - 168.0).sum()) for ds in (sharp, soft))
     assert after == pytest.approx(before, rel=0.01)
     assert soft["raw"].isel(inner).std() < sharp["raw"].isel(inner).std()
+
+
+def test_white_images_are_spread_over_zoom_and_focus() -> None:
+    body = BODIES["f01"]
+    settings = settings_of(body, 4, 0, 2)
+    grid = white_settings(body, settings, 2, 3)
+    assert [(setting.zoom_step, setting.focus_step) for setting in grid] == [
+        (zoom, focus) for zoom in (981, 540) for focus in (382.0, 682.0, 982.0)
+    ]
+    one_each = white_settings(body, settings, 2, 1)
+    assert [(s.zoom_step, s.focus_step) for s in one_each] == [(s.zoom_step, s.focus_step) for s in settings[:2]]
