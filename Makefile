@@ -32,7 +32,7 @@ fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff check --fix .
 
 test-faults: $(STAMP) ## kills, crashes and full disks, in their long form
-	$(BIN)/pytest -m 'heavy or not heavy' tests/run/test_faults.py tests/run/test_cluster.py
+	$(BIN)/pytest -m 'heavy or not heavy' tests/run
 
 test-heavy: $(STAMP) ## the tests that take minutes
 	$(BIN)/pytest -m heavy

@@ -81,7 +81,8 @@ class Run:
         memory = largest(planned, self._chain)
         with Crew(self._collection, self._options, self._chain, memory, self._tenure) as crew:
             self._execute(crew, [job for job in planned if job.kind == "white"])
-            self._leave_failed_whites_out()
+            if not crew.halted:
+                self._leave_failed_whites_out()
             self._measure_unknown_cameras(crew)
             self._execute(crew, self.planner().jobs(kind="scene"))
         with contextlib.suppress(OSError) if crew.halted else contextlib.nullcontext():

@@ -69,7 +69,7 @@ def fingerprint(
 ) -> str:
     """Hash of all that a result depends on."""
     document = {
-        "stage": [stage.name, stage.version, stage.schema.version],
+        "stage": [stage.name, stage.version],
         "parameters": parameters,
         "source": source,
         "grid": asdict(grid) if grid else None,

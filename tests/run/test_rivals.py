@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 import time
@@ -56,7 +57,7 @@ def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path, captures):
     process = start(captures, tmp_path / "col")
     lock = tmp_path / "col" / "leases"
     wait_until(lambda: (lock / "lightfield" / "SLOW").exists())
-    with pytest.raises(CollectionError, match=f"another run works on .* process {process.pid} on "):
+    with pytest.raises(CollectionError, match=rf"another run works on .*\(process {process.pid} on "):
         run(tmp_path / "col", captures)
     kill(process)
     assert (lock / "run").exists()
@@ -154,8 +155,6 @@ def test_a_run_whose_lease_was_taken_over_begins_nothing_more(tmp_path, captures
 
     class Lost:
         lost = True
-
-    import contextlib
 
     monkeypatch.setattr(batch, "run_lease", lambda _: contextlib.nullcontext(Lost()))
     failed = run(tmp_path / "col", captures).failed
