@@ -110,6 +110,9 @@ def _state(row: dict[str, Any]) -> str:
     if "error" in row:
         # The error begins with the path, which the row shows already.
         return str(row["error"]).removeprefix(f"{row['path']}: ")
+    unreadable = (row.get("holds") or {}).get("unreadable")
+    if unreadable:
+        return f"{unreadable} unreadable"
     return "; ".join(row.get("damaged") or []) or ("-" if row["kind"] == "folder" else "right")
 
 

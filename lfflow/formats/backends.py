@@ -17,10 +17,11 @@ from lfflow.formats.opening import is_address, open_picture
 from lfflow.formats.png import SIGNATURE
 from lfflow.formats.raw_pair import is_pair
 from lfflow.formats.region import open_binary
+from lfflow.formats.tar import is_tar
 from lfflow.formats.toolbox import is_toolbox, open_toolbox
 from lfflow.formats.views import is_view_folder, open_views
 
-_HEAD_BYTES = 128
+_HEAD_BYTES = 512
 
 
 class LfpEntrypoint(BackendEntrypoint):
@@ -44,8 +45,9 @@ class LfpEntrypoint(BackendEntrypoint):
         return without(ds, drop_variables)
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Whether the file begins as an LFP container, is one of a RAW + TXT pair, or a member of an archive."""
-        if is_container(head_of(filename_or_obj)):
+        """Whether the file begins as an LFP container or a tar, is half of a RAW + TXT pair, or is in an archive."""
+        head = head_of(filename_or_obj)
+        if is_container(head) or is_tar(head):
             return True
         if not isinstance(filename_or_obj, str | os.PathLike):
             return False

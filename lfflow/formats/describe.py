@@ -141,12 +141,14 @@ def _of_origin(container: Container) -> Json:
 
 
 def _names_of_sections(container: Container) -> dict[str, str]:
-    """What the table of contents calls each section, by SHA-1: the last two steps to its first reference."""
+    """What the table of contents calls each section, by SHA-1: its name, or the last two steps to its reference."""
     names: dict[str, str] = {}
     stack: list[tuple[tuple[str, ...], Any]] = [((), container.toc.value)]
     while stack:
         steps, value = stack.pop()
         if isinstance(value, dict):
+            if isinstance(value.get("name"), str) and isinstance(value.get("dataRef"), str):
+                names.setdefault(value["dataRef"][5:].lower(), value["name"][:80])
             stack += [((*steps, key), item) for key, item in reversed(value.items())]
         elif isinstance(value, list):
             stack += [((*steps[:-1], f"{steps[-1]}[{n}]"), item) for n, item in reversed(list(enumerate(value)))]

@@ -18,6 +18,7 @@ from lfflow.formats.lfp import FRAMES, IMAGES, Image, raw_frame
 from lfflow.formats.raw_pair import is_pair, open_pair
 from lfflow.formats.region import open_binary
 from lfflow.formats.renderings import accelerations, rendering
+from lfflow.formats.tar import is_tar
 
 ContainerKind = Literal["raw", "rendering", "storage"]
 
@@ -60,11 +61,14 @@ def open_frame(path: str | os.PathLike[str], *, image: Image = "raw", accept_dam
     if is_pair(name):
         return open_pair(name)
     head = _head(name)
+    many = UnsupportedError(name, "file", "an archive of many images", f"one of them: {name}{SEPARATOR}MOD_NNNN.RAW")
+    if is_tar(head):
+        raise many
     if not is_container(head):
         raise foreign(name, head, "an LFP container, or a .RAW with its .TXT")
     container = open_container(os.path.abspath(name), accept_damaged=accept_damaged)  # noqa: PTH100
     if container_kind(container) == "storage":
-        raise UnsupportedError(name, "table of contents", "an archive of many images", f"{name}{SEPARATOR}MOD_NNNN.RAW")
+        raise many
     return raw_frame(container, image)
 
 

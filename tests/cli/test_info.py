@@ -99,7 +99,10 @@ def test_other_kinds(info, tmp_path) -> None:
         "c.mat": "LFToolbox light field", "d.pfm": "float map", "data.C.0": "calibration archive",
     }  # fmt: skip
     assert rows["a_eslf.png"]["sizes"]["u"] == 3
-    assert "MOD_0000.TXT" in info(tmp_path / "data.C.0")[1]
+    listed = info(tmp_path / "data.C.0")[1]
+    assert "found no metadata beside it, expected MOD_0000.TXT" in listed
+    assert "C:\\MOD_0000.RAW" in listed
+    assert "1 unreadable" in info(tmp_path)[1]
 
 
 def test_nothing_there(info, tmp_path) -> None:

@@ -217,6 +217,15 @@ def test_a_section_under_thousands_of_names_is_refused(tmp_path) -> None:
         archive_members(tmp_path / "data.C.0")
 
 
+def test_an_archive_is_not_one_picture(tmp_path) -> None:
+    _, raw, text = images("f01", 1)["MOD_0000"]
+    write_storage(tmp_path / "data.C.0", {"C:\\MOD_0000.RAW": raw, "C:\\MOD_0000.TXT": text})
+    (tmp_path / "caldata.tar").write_bytes(tar_of({"MOD_0000.RAW": raw, "MOD_0000.TXT": text}))
+    for name in ("data.C.0", "caldata.tar"):
+        with pytest.raises(UnsupportedError, match="found an archive of many images, expected one of them"):
+            xr.open_dataset(tmp_path / name)
+
+
 def test_what_is_no_archive(tmp_path) -> None:
     write_container(tmp_path / "a.lfp", {"frames": []}, [])
     (tmp_path / "b").write_bytes(b"x" * 600)
