@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +25,11 @@ _PATIENCE, _PAUSE_SECONDS = 20, 0.05
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What a group holds: the size of every dim and the capture of every slot."""
+    """What a group holds: the size of every dim, the capture of every slot, and the schema version it was made with."""
 
     sizes: Mapping[str, int]
     captures: tuple[str, ...]
+    version: int = 0
 
 
 class Store:
@@ -53,7 +54,7 @@ class Store:
             return None
         except DamagedRecordError:
             return self._manifest_from_arrays(group)
-        return Manifest(document["sizes"], tuple(document["captures"]))
+        return Manifest(document["sizes"], tuple(document["captures"]), int(document["schema_version"]))
 
     def manifest_damage(self, group: str) -> str:
         """What is wrong with the file of a group's sizes and slots; empty when nothing is."""
@@ -86,10 +87,11 @@ class Store:
         captures: Any = node["capture"]
         sizes: dict[str, int] = {}
         for variable in self.schema.variables:
-            if is_region(variable):
+            if is_region(variable) and variable.name in node:
                 array: Any = node[variable.name]
                 sizes.update(zip(variable.dims, array.shape[1:], strict=True))
-        return Manifest(sizes, tuple(str(name) for name in captures[...]))
+        version: Any = node.attrs.get("schema_version", self.schema.version)
+        return Manifest(sizes, tuple(str(name) for name in captures[...]), int(version))
 
     def ensure(self, group: str, sizes: Mapping[str, int], captures: Sequence[str]) -> dict[str, int]:
         """Make the group or let it grow, so that each capture has a slot; finished regions stay untouched.
@@ -111,6 +113,11 @@ class Store:
 
     def check(self, group: str, manifest: Manifest) -> None:
         """Raise SchemaError when the metadata on the disk differs from the declaration; mend it where it is rotten."""
+        if manifest.version != self.schema.version:
+            raise SchemaError(
+                f"{self.folder}/{group} has schema version {manifest.version}, this lfflow writes "
+                f"{self.schema.version}: lfflow migrate brings it there"
+            )
         expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {}, values=False)
         for key, wanted in expected.items():
             if not key.endswith("zarr.json"):
@@ -158,16 +165,63 @@ class Store:
         config = {"write_empty_chunks": True}
         return zarr.open_array(self._zarr, path=f"{group}/{name}", mode=mode, zarr_format=3, config=config)
 
-    def region_files(self, group: str, slot: int) -> list[str]:
+    def region_files(self, group: str, slot: int, *, only: Container[str] | None = None) -> list[str]:
         """Names of the files of one capture's region."""
         names: list[str] = []
-        for variable in self.schema.variables:
-            if is_region(variable):
-                names += self.storage.files_below(f"{self.folder}/{group}/{variable.name}/c/{slot}")
+        for variable in self._regions(only):
+            names += self.storage.files_below(f"{self.folder}/{group}/{variable.name}/c/{slot}")
         return names
 
-    def write(self, group: str, slot: int, ds: xr.Dataset, threads: int = 1) -> dict[str, str]:
-        """Write the region of one capture, bring it to the disk; returns the sha256 of its files."""
+    def variable_of(self, file: str) -> str:
+        """Variable to whose region a file belongs."""
+        return file.removeprefix(f"{self.folder}/").split("/")[1]
+
+    def stored_variables(self, group: str) -> set[str]:
+        """Variables that have an array in a group, declared or not."""
+        node = zarr.open_group(self._zarr, path=group, mode="r", zarr_format=3)
+        return {str(name) for name, _ in node.arrays()}
+
+    def add_arrays(self, group: str, names: Iterable[str]) -> None:
+        """Make the arrays of declared variables that an earlier schema has not; nothing else is written."""
+        manifest = self.manifest(group)
+        if manifest is not None:
+            content = template.build(self.schema, group, manifest.sizes, manifest.captures, {}, values=False)
+            keys = [f"{group}/{name}/zarr.json" for name in names]
+            self._write_small({key: content[key] for key in keys})
+
+    def encoding_differences(self, group: str) -> list[str]:
+        """How arrays that are stored and declared differ in more than their attributes."""
+        manifest = self.manifest(group)
+        if manifest is None:
+            return []
+        expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {}, values=False)
+        stored, found = self.stored_variables(group), []
+        for variable in self._regions(stored):
+            key = f"{group}/{variable.name}/zarr.json"
+            differences = template.differences(self.storage.read(f"{self.folder}/{key}"), expected[key])
+            found += [f"{variable.name}: {text}" for text in differences if not text.startswith("attributes:")]
+        return found
+
+    def drop_arrays(self, group: str, names: Iterable[str]) -> None:
+        """Remove the arrays in `names` that the schema does not declare."""
+        node = zarr.open_group(self._zarr, path=group, mode="r+", zarr_format=3)
+        for name in sorted(set(names) - {"capture", *self.schema.names}):
+            del node[name]
+
+    def adopt_schema(self, group: str, records: Mapping[str, Record]) -> None:
+        """Write metadata and small variables as the present schema declares them, then say that the group has it."""
+        manifest = self.manifest(group)
+        if manifest is not None:
+            self.finalise(group, records)
+            self._write_manifest(group, manifest.sizes, manifest.captures)
+
+    def _regions(self, only: Container[str] | None = None) -> list[Variable]:
+        return [v for v in self.schema.variables if is_region(v) and (only is None or v.name in only)]
+
+    def write(
+        self, group: str, slot: int, ds: xr.Dataset, threads: int = 1, *, only: Container[str] | None = None
+    ) -> dict[str, str]:
+        """Write the region of one capture (of the variables in `only`); returns the sha256 of its files on the disk."""
 
         def one(variable: Variable) -> None:
             values = np.ascontiguousarray(ds[variable.name].transpose(*variable.dims).values)
@@ -180,17 +234,17 @@ class Store:
                 )
             array[slot] = values
 
-        each(one, [variable for variable in self.schema.variables if is_region(variable)], threads)
-        files = self.region_files(group, slot)
+        given = [v for v in self._regions(only) if v.required or v.name in ds.variables]
+        each(one, given, threads)
+        files = self.region_files(group, slot, only=only)
         self.storage.flush(files)
         return {name: self.storage.digest(name) for name in files}
 
-    def read(self, record: Record) -> xr.Dataset:
-        """Result of one finished capture, in memory; a damaged chunk raises."""
+    def read(self, record: Record, *, only: Container[str] | None = None) -> xr.Dataset:
+        """Result of one finished capture (of the large variables in `only`), in memory; a damaged chunk raises."""
         variables: dict[str, Any] = {}
-        for variable in self.schema.variables:
-            if is_region(variable):
-                variables[variable.name] = (variable.dims, self._array(record.group, variable.name, "r")[record.slot])
+        for variable in self._regions(only):
+            variables[variable.name] = (variable.dims, self._array(record.group, variable.name, "r")[record.slot])
         for variable in small_variables(self.schema):
             variables[variable.name] = (variable.dims, decode(record.scalars, variable))
         ds = xr.Dataset(variables)

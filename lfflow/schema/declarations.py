@@ -113,7 +113,7 @@ PIXEL_FLAGS = {"hot": 1, "dead": 2, "saturated": 4}
 
 CALIBRATION = Schema(
     "calibration",
-    1,
+    2,
     "Where the lenses are and how they shade, from a white image or from the picture itself.",
     (
         *_SENSOR,
@@ -146,7 +146,7 @@ CALIBRATION = Schema(
 
 LIGHTFIELD = Schema(
     "lightfield",
-    1,
+    2,
     "Mosaicked light field: every sensor pixel at its view and lens, no colour mixed.",
     (
         *_VIEWS,
