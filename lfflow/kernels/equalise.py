@@ -66,3 +66,14 @@ def equalise(raw: npt.NDArray[np.uint16], black: npt.NDArray[np.float64]) -> tup
     means = site_means(raw, black)
     gains = np.where(means > 0, 1.0 / np.where(means > 0, means, 1.0), 0.0)
     return apply_gains(raw, black, gains), gains
+
+
+def weighted(image: FloatImage, weights: npt.NDArray[np.float64]) -> FloatImage:
+    """Image (y, x) times the weight of each pixel's site, shape (2, 2); itself where all are 1."""
+    if (weights == 1).all():
+        return image
+    out = image.copy()
+    for row in range(2):
+        for column in range(2):
+            out[row::2, column::2] *= np.float32(weights[row, column])
+    return out

@@ -13,6 +13,10 @@ from lfflow.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
 ROUNDS = 30
+ENOUGH = 12000
+"""Algorithm 1 runs on about so many centres; the last steps, from its lattice, on all."""
+BLOCKS = 16
+"""Blocks along each side of the sensor."""
 WORST_RMS = 0.16
 """Largest rms residual in lens pitches; centres without a lattice have 0.3."""
 
@@ -129,11 +133,12 @@ def fit(centres: FloatArray, start: Lattice, shape: tuple[int, int], grid: tuple
     """
     if len(centres) < 8:
         raise LatticeNotFoundError(f"only {len(centres)} subimages were found")
-    lattice, used = algorithm_one(centres, start)
+    sample = centres[:: max(1, len(centres) // ENOUGH)]
+    lattice, _ = algorithm_one(sample, start)
     lattice = lattice.anchored(*shape, grid)
-    for _ in range(3):
-        k = lens_indices(lattice, centres)
-        residual = centres - np.stack(_place(lattice, k), axis=1)
+    for measured in (sample, sample, centres):
+        k = lens_indices(lattice, measured)
+        residual = measured - np.stack(_place(lattice, k), axis=1)
         used = near_enough(np.hypot(*residual.T))
         design = jacobian(lattice, k[used]).reshape(-1, 5)
         normal = design.T @ design
@@ -146,8 +151,23 @@ def fit(centres: FloatArray, start: Lattice, shape: tuple[int, int], grid: tuple
         raise LatticeNotFoundError(
             f"the subimages lie on no lattice: rms residual {rms:.2f} px at pitch {lattice.dh:.2f} px"
         )
-    covariance = np.linalg.inv(normal) * squares / max(2 * int(used.sum()) - 5, 1)
+    scores = (jacobian(lattice, k[used]) * residual.T[:, :, None]).sum(axis=0)
+    inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    covariance = block_covariance(inverse, scores, centres[used], shape)
     return Fit(lattice, covariance, rms, int(used.sum()))
+
+
+def block_covariance(
+    inverse: FloatArray, scores: FloatArray, centres: FloatArray, shape: tuple[int, int]
+) -> FloatArray:
+    """Covariance of a solution by the scatter of the scores (n, p) of the lenses, those of a block summed first.
+
+    What neighbours have in common, such as a scene's edge, counts once a block and not once a lens.
+    """
+    column, row = (np.clip(centres[:, axis] * BLOCKS // shape[1 - axis], 0, BLOCKS - 1) for axis in (0, 1))
+    block = (row * BLOCKS + column).astype(np.int64)
+    sums = np.stack([np.bincount(block, score, BLOCKS**2) for score in scores.T])
+    return np.asarray(inverse @ (sums @ sums.T) @ inverse, dtype=np.float64)
 
 
 def moved(lattice: Lattice, step: FloatArray) -> Lattice:

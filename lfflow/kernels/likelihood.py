@@ -1,238 +1,239 @@
-"""Maximum likelihood: the lattice that explains every pixel of a white image, with the sensor's own noise.
+"""Maximum likelihood: the lattice that explains every pixel of a picture, with the sensor's own noise.
 
-Model of a pixel at p under lens k: m(p) = b(p)·f(p − c_k), with b the smooth brightness of the field and f the mean
-subimage. f is measured on the picture itself and made even, f(−ρ) = f(ρ): that fixes what a centre is, and costs no
-information, for the derivatives by the centre are odd. The noise is var(m) = a + g·m, fitted to the residuals.
+The normal equations of every lens (`lfflow.kernels.lens_scores`) are gathered into those of what all lenses share: the
+lattice, a gradient of the light across the subimages that changes linearly over the sensor, the second aperture's disc
+and the profiles of both edges. What a centre is follows from the mean subimage being a function of the radius. The
+covariance is the sandwich of the Fisher matrix and the scatter of the scores over blocks of lenses, so that it holds
+for whatever noise the picture has.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from lfflow.errors import LatticeNotFoundError
-from lfflow.kernels.lattice_fit import Fit, moved
-from lfflow.kernels.subimage import Geometry, geometry
+from lfflow.kernels.aperture import Aperture, two_discs, zone_means
+from lfflow.kernels.centres import lens_centres
+from lfflow.kernels.lattice_fit import Fit, jacobian, lens_indices, moved
+from lfflow.kernels.lens_scores import (
+    DENSE,
+    LEVELS,
+    Flags,
+    FloatArray,
+    FloatImage,
+    Look,
+    Sums,
+    cell_of,
+    gather_normals,
+    lens_normals,
+)
 from lfflow.lattice import Lattice
 
-FloatImage = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
-BINS = 6
-"""Radial bins of the profile per pixel."""
-ROUNDS = 5
-SPARSE = 8
-"""All rounds but the last read every so many pairs of rows."""
-LEVELS = 24
-OUTLIER = 5.0
+SPARSE = 12
+"""The rounds before the last read one lens of so many (fewer where there are less than 40 000)."""
+CLIPPED_SPARSE = 3
+"""With a second disc the edges' profiles are part of the problem, and the last round reads one lens of so many."""
+BLOCKS = 24
+"""Blocks along each side of the sensor whose scores count as independent."""
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
-def _lens(x: float, y: float, lens: Geometry) -> tuple[float, float, float, float]:
-    """Nearest lens in the undistorted lattice (gx, gy) and the offset from it in units of the pitches."""
-    cos, sin, dh, dv, cx, cy, hexagonal = lens
-    gx, gy = (cos * (x - cx) + sin * (y - cy)) / dh, (-sin * (x - cx) + cos * (y - cy)) / dv
-    if not hexagonal:
-        kx, ky = math.floor(gx + 0.5), math.floor(gy + 0.5)
-        return kx, ky, gx - kx, gy - ky
-    height = 0.8660254037844386
-    low = math.floor(gy / height)
-    odd = 0.5 * (low % 2)
-    ax, ay = math.floor(gx - odd + 0.5) + odd, height * low
-    other = 0.5 - odd
-    bx, by = math.floor(gx - other + 0.5) + other, height * (low + 1)
-    if (gx - bx) ** 2 + (gy - by) ** 2 < (gx - ax) ** 2 + (gy - ay) ** 2:
-        ax, ay = bx, by
-    return ax, ay, gx - ax, gy - ay
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _field(x: float, y: float, field: FloatArray, middle: tuple[float, float]) -> float:
-    """Brightness of the field: a polynomial of the second degree."""
-    u, v = (x - middle[0]) / middle[0], (y - middle[1]) / middle[1]
-    return float(field[0] + field[1] * u + field[2] * v + field[3] * u * u + field[4] * u * v + field[5] * v * v)
-
-
-@numba.njit(nogil=True, cache=True)
-def _radial(
-    image: FloatImage, lens: Geometry, field: FloatArray, sites: FloatArray, bins: int, rows: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sum of weights, and first moments of radius and brightness, in radial bins: a profile that is even by itself."""
-    cos, sin = lens[0], lens[1]
-    middle = ((image.shape[1] - 1) / 2.0, (image.shape[0] - 1) / 2.0)
-    weight, radius, total = np.zeros(bins), np.zeros(bins), np.zeros(bins)
-    for y in range(0, image.shape[0], rows):
-        for x in range(image.shape[1]):
-            _kx, _ky, ox, oy = _lens(float(x), float(y), lens)
-            a, b = ox * lens[2], oy * lens[3]
-            r = math.sqrt(a * a + b * b)
-            index = int(r * BINS)
-            if index < bins:
-                bright = sites[y % 2, x % 2] * _field(x - cos * a + sin * b, y - sin * a - cos * b, field, middle)
-                weight[index] += bright
-                radius[index] += bright * r
-                total[index] += image[y, x]
-    return weight, radius, total
-
-
-@numba.njit(nogil=True, cache=True)
-def _normal_equations(
-    image: FloatImage,
-    lens: Geometry,
-    field: FloatArray,
-    spline: FloatArray,
-    noise: FloatArray,
-    sites: FloatArray,
-    rows: int,
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Fisher matrix and score of (dh, dv, theta, cx, cy, field), residual moments by level, sums by Bayer site.
-
-    `spline` (bins + 1, 2): value and slope of the profile at the radii j / BINS. `noise` (2,): variance a + g·m.
-    `sites` (2, 2): gain left in each Bayer site. Every `rows`-th pair of sensor rows is read.
-    """
-    cos, sin, dh, dv = lens[0], lens[1], lens[2], lens[3]
-    middle = ((image.shape[1] - 1) / 2.0, (image.shape[0] - 1) / 2.0)
-    fisher, score, slope = np.zeros((11, 11)), np.zeros(11), np.zeros(11)
-    levels, sums = np.zeros((3, LEVELS)), np.zeros((2, 2, 2))
-    last = spline.shape[0] - 2
-    for y in range(2, image.shape[0] - 2):
-        if (y // 2) % rows != 0:
-            continue
-        for x in range(2, image.shape[1] - 2):
-            kx, ky, ox, oy = _lens(float(x), float(y), lens)
-            a, b = ox * dh, oy * dv
-            r = math.sqrt(a * a + b * b)
-            place = r * BINS
-            index = int(place)
-            if index > last:
-                continue
-            h = place - index
-            value = _hermite(spline, index, h)
-            steep = _hermite_slope(spline, index, h)
-            u, v = (x - cos * a + sin * b - middle[0]) / middle[0], (y - sin * a - cos * b - middle[1]) / middle[1]
-            bright = field[0] + field[1] * u + field[2] * v + field[3] * u * u + field[4] * u * v + field[5] * v * v
-            bright *= sites[y % 2, x % 2]
-            model = bright * value
-            residual = image[y, x] - model
-            variance = noise[0] + noise[1] * max(model, 0.0)
-            if residual * residual > OUTLIER * OUTLIER * variance:
-                continue
-            sums[0, y % 2, x % 2] += image[y, x]
-            sums[1, y % 2, x % 2] += model
-            level = min(int(max(model, 0.0) * (LEVELS / 2.5)), LEVELS - 1)
-            levels[0, level] += 1
-            levels[1, level] += model
-            levels[2, level] += residual * residual
-            inverse = 1.0 / variance
-            da, db = (bright * steep * a / r, bright * steep * b / r) if r > 1e-9 else (0.0, 0.0)
-            # The offset (a, b) is R(−θ)(p − c) − diag(dh, dv)·k; its derivatives by the parameters:
-            slope[0] = -da * kx
-            slope[1] = -db * ky
-            slope[2] = da * (b + dv * ky) - db * (a + dh * kx)
-            slope[3] = -da * cos + db * sin
-            slope[4] = -da * sin - db * cos
-            slope[5], slope[6], slope[7] = value, value * u, value * v
-            slope[8], slope[9], slope[10] = value * u * u, value * u * v, value * v * v
-            for i in range(11):
-                weighted = slope[i] * inverse
-                score[i] += weighted * residual
-                for j in range(i + 1):
-                    fisher[i, j] += weighted * slope[j]
-    for i in range(11):
-        for j in range(i):
-            fisher[j, i] = fisher[i, j]
-    return fisher, score, levels, sums
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _hermite(spline: FloatArray, i: int, h: float) -> float:
-    p, q = spline[i, 0], spline[i + 1, 0]
-    m, n = spline[i, 1] / BINS, spline[i + 1, 1] / BINS
-    return float(p + h * (m + h * (3 * (q - p) - 2 * m - n + h * (2 * (p - q) + m + n))))
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _hermite_slope(spline: FloatArray, i: int, h: float) -> float:
-    p, q = spline[i, 0], spline[i + 1, 0]
-    m, n = spline[i, 1] / BINS, spline[i + 1, 1] / BINS
-    return float((m + h * (2 * (3 * (q - p) - 2 * m - n) + 3 * h * (2 * (p - q) + m + n))) * BINS)
-
-
-def radial_profile(
-    image: FloatImage, lattice: Lattice, field: FloatArray, sites: FloatArray, rows: int = 1
-) -> FloatArray:
-    """Value and slope of the mean subimage at the radii j / BINS px, shape (n, 2).
+@dataclass(frozen=True, slots=True)
+class State:
+    """What the rounds know of a picture.
 
     Parameters
     ----------
-    image
-        White image with equal gains, shape (y, x).
-    lattice
-        Where the lenses are.
-    field
-        Six coefficients of the brightness of the field.
+    lattice, aperture
+        The lattice, and what its lenses look like.
+    noise
+        Variance of the Bayer sites by powers of the level, (4, 3).
     sites
-        Gain left in each Bayer site, shape (2, 2).
-    rows
-        Every so many sensor rows are read.
+        Gain left in each Bayer site, (4,).
+    covariance
+        Of (dh, dv, theta, cx, cy), (5, 5).
+    typical
+        Misfit (χ² per degree of freedom) of a typical lens of a scene; 0 as long as it is not known.
     """
-    bins = int(0.6 * max(lattice.dh, lattice.dv) * BINS)
-    weight, radius, total = _radial(image, geometry(lattice), field, sites, bins, rows)
-    filled = weight > 0
-    at = np.concatenate([-(radius[filled] / weight[filled])[2::-1], radius[filled] / weight[filled]])
-    values = np.concatenate([(total[filled] / weight[filled])[2::-1], total[filled] / weight[filled]])
-    from scipy.interpolate import CubicSpline
 
-    spline = CubicSpline(at, values)
-    knots = np.arange(int(at[-1] * BINS) + 1) / BINS
-    return np.stack([spline(knots), spline(knots, 1)], axis=1)
+    lattice: Lattice
+    aperture: Aperture
+    noise: FloatArray
+    sites: FloatArray
+    covariance: FloatArray
+    typical: float
 
 
-def refine(image: FloatImage, first: Fit) -> Fit:
-    """Lattice of the highest likelihood and its covariance, the inverse Fisher information.
+def refine(
+    image: FloatImage, first: Fit, flags: Flags | None = None, *, scene: FloatImage | None = None, precise: bool = True
+) -> tuple[Fit, State]:
+    """Lattice of the highest likelihood, its covariance, and what its lenses look like.
 
     Parameters
     ----------
     image
-        White image with equal gains of the Bayer sites, mean 1, shape (y, x).
+        Gray image with equal gains of the Bayer sites, shape (y, x).
     first
-        Lattice to within a few hundredths of a pixel.
+        Lattice from the subimages' peaks.
+    flags
+        Pixels to leave out, where not 0.
+    scene
+        Where the image shows a scene: the same with the scene divided out (`lfflow.kernels.centres.flatten_scene`).
+    precise
+        Read every lens at last; else one of `SPARSE`.
+
+    Returns
+    -------
+    fit, state
+        In a scene whose subimages have no sharp edge the first lattice stays: their shape says less than their peaks.
 
     Raises
     ------
     LatticeNotFoundError
-        The steps leave the neighbourhood of the first lattice: the picture is no white image.
+        The steps leave the neighbourhood of the first lattice.
     """
-    lattice = first.lattice
-    field = np.array([1.0, 0, 0, 0, 0, 0])
-    noise = np.array([0.05, 0.05])
-    sites = np.ones((2, 2))
-    for turn in range(ROUNDS):
-        rows = SPARSE if turn < ROUNDS - 1 else 1
-        profile = radial_profile(image, lattice, field, sites, rows=max(rows - 1, 1))
-        fisher, score, levels, sums = _normal_equations(image, geometry(lattice), field, profile, noise, sites, rows)
-        sites *= sums[0] / sums[1]
-        sites /= sites.mean()
-        # A common factor of field and profile cannot be told apart: the field's constant stays at 1.
-        free = np.array([0, 1, 2, 3, 4, 6, 7, 8, 9, 10])
-        step = np.linalg.solve(fisher[np.ix_(free, free)], score[free])
-        lattice = moved(lattice, step[:5])
-        field[1:] += step[5:]
-        noise = _noise_model(levels)
-        if np.abs(step[3:5]).max() > first.lattice.dh:
+    flags = np.zeros(image.shape, np.uint8) if flags is None else flags
+    lattice, aperture = find_aperture(image if scene is None else scene, flags, first.lattice)
+    state = State(lattice, aperture, np.tile([0.05, 0.05, 0.0], (4, 1)), np.ones(4), first.covariance, 0.0)
+    if scene is not None and not aperture.sharp:
+        return first, replace(state, lattice=first.lattice)
+    clipped = aperture.h is not None
+    thin = max(1, round(SPARSE * min(1.0, first.count / 40000)))
+    rounds = [(thin, True)] * (3 if clipped else 2 if precise or scene is not None else 0) or [(thin, False)]
+    if precise:
+        rounds.append((min(thin, CLIPPED_SPARSE), True) if clipped else (1, False))
+    for every, splines in rounds:
+        state = improve(image, flags, state, every, splines=splines, scene=scene is not None)
+        if not state.lattice.distance_to(first.lattice, *image.shape) < 0.5 * lattice.dh:
             raise LatticeNotFoundError("the likelihood has no maximum near the measured centres")
-    covariance = np.linalg.inv(fisher[np.ix_(free, free)])[:5, :5]
-    return Fit(lattice, covariance, first.rms, first.count)
+    return replace(first, lattice=state.lattice, covariance=state.covariance), state
 
 
-def _noise_model(levels: FloatArray) -> FloatArray:
-    """Offset and slope of the variance against the level, both at least a little above 0."""
+def find_aperture(image: FloatImage, flags: Flags, lattice: Lattice) -> tuple[Lattice, Aperture]:
+    """Lattice and aperture from the mean subimages of the zones of the sensor."""
+    centres = _centres(lattice, image.shape, 3)
+    zones = zone_means(image, flags, centres, cell_of(lattice))
+    k = (zones.centres - (lattice.cx, lattice.cy)) @ np.linalg.inv(lattice.matrix).T
+    middle = np.array([image.shape[1] - 1, image.shape[0] - 1]) / 2
+    aperture, step = two_discs(zones, jacobian(lattice, k), lattice.dh, middle)
+    return moved(lattice, step), aperture
+
+
+def _centres(lattice: Lattice, shape: tuple[int, ...], every: int) -> FloatArray:
+    return lens_centres(lattice, shape[0], shape[1], margin=0.6 * max(lattice.dh, lattice.dv))[::every]
+
+
+def measure_lenses(image: FloatImage, flags: Flags, state: State) -> tuple[FloatArray, FloatArray]:
+    """Centre of every lens by its own light, and its standard deviation: (n, 2) each as (x, y), pixels.
+
+    A lens whose light does not tell is NaN. What clips the subimages and the pixel grid's phase do not move these
+    centres, unlike those of `lfflow.kernels.centres.measure_centres`.
+    """
+    centres = _centres(state.lattice, image.shape, 1)
+    size = DENSE if state.aperture.h is not None else DENSE - 2
+    normals, rights = np.zeros((len(centres), size, size)), np.zeros((len(centres), size))
+    quality, sums = np.zeros((len(centres), 3)), Sums(np.zeros((4, 3, LEVELS)), np.zeros((2, 4)))
+    offsets = state.aperture.offsets(centres)
+    lens_normals(image, flags, centres, offsets, cell_of(state.lattice), look_of(state), sums, normals, rights, quality)
+    keep = np.array([0, 3, 4])  # a gradient of one lens alone is nothing that its centre should give way to
+    inverse = np.linalg.inv(normals[:, keep[:, None], keep] + 1e-9 * np.eye(3))
+    shift = np.einsum("nij,nj->ni", inverse, rights[:, keep])[:, 1:]
+    spread = np.sqrt(np.maximum(np.einsum("nii->ni", inverse)[:, 1:], 0))
+    dark = ~(spread.max(axis=1) < 0.1 * state.lattice.dh) | (np.hypot(*shift.T) > 0.2 * state.lattice.dh)
+    shift[dark] = np.nan
+    return centres + shift, np.where(dark[:, None], np.nan, spread)
+
+
+def look_of(state: State) -> Look:
+    """A state as the kernels want it."""
+    f, h = state.aperture.f, state.aperture.h
+    splines = [
+        (f.first, f.step, len(f.coefficients)),
+        (0, 1, 0) if h is None else (h.first, h.step, len(h.coefficients)),
+    ]
+    table = np.zeros((0, 2)) if h is None else h.table()
+    return Look(f.table(), table, np.array(splines, dtype=float), state.sites, state.noise)
+
+
+def improve(image: FloatImage, flags: Flags, state: State, every: int, *, splines: bool, scene: bool = False) -> State:
+    """One Gauss-Newton step on one lens of `every`."""
+    centres = _centres(state.lattice, image.shape, every)
+    field = (centres - state.aperture.middle) / state.aperture.middle
+    moves = _moves(state.lattice, centres, field, aperture=state.aperture, scene=scene)
+    blocks = np.clip(((field + 1) * BLOCKS / 2).astype(np.int64), 0, BLOCKS - 1) @ np.array([1, BLOCKS])
+    look, common = look_of(state), moves.shape[2]
+    number = common + (int(look.splines[:, 2].sum()) if splines else 0)
+    sums = Sums(np.zeros((4, 3, LEVELS)), np.zeros((2, 4)))
+    totals, scores = np.zeros((BLOCKS**2, number, number)), np.zeros((BLOCKS**2, number))
+    misfit = np.zeros(len(centres))
+    gather_normals(
+        image, flags, centres, state.aperture.offsets(centres), moves, blocks, cell_of(state.lattice), look,
+        3 if scene else 1, splines, state.typical, sums, totals, scores, misfit,
+    )  # fmt: skip
+    step, covariance = _solve(totals, scores, common)
+    typical = float(np.median(misfit[misfit > 0])) if scene and (misfit > 0).any() else 0.0
+    return replace(_moved(state, step, covariance, centres, moves, sums), typical=typical)
+
+
+def _moved(
+    state: State, step: FloatArray, covariance: FloatArray, centres: FloatArray, moves: FloatArray, sums: Sums
+) -> State:
+    """State after a step of the common parameters and the profiles."""
+    common = moves.shape[2]
+    aperture, shift = state.aperture, moves @ step[:common]
+    if aperture.h is not None:
+        aperture = aperture.shifted(centres, shift[:, -2:] - shift[:, -4:-2])
+    if len(step) > common:
+        count = len(aperture.f.coefficients)
+        f, h = aperture.f.moved(step[common : common + count]), aperture.h
+        aperture = replace(aperture, f=f, h=h if h is None else h.moved(step[common + count :]))
+    sites = state.sites * np.where(sums.sites[1] > 0, sums.sites[0] / np.maximum(sums.sites[1], 1e-12), 1)
+    noise = np.array([_noise_model(*site) for site in zip(sums.levels, state.noise, strict=True)])
+    return State(moved(state.lattice, step[:5]), aperture, noise, sites / sites.mean(), covariance[:5, :5], 0.0)
+
+
+def _moves(lattice: Lattice, centres: FloatArray, field: FloatArray, *, aperture: Aperture, scene: bool) -> FloatArray:
+    """Derivatives of each lens's gradient, centre and second disc by the common parameters, (n, 2 to 6, parameters)."""
+    first, clipped = 0 if scene else 2, aperture.h is not None
+    gradients = 6 if aperture.sharp and not scene else 0
+    moves = np.zeros((len(centres), first + (4 if clipped else 2), 5 + gradients + (3 if clipped else 0)))
+    moves[:, first : first + 2, :5] = np.moveaxis(jacobian(lattice, lens_indices(lattice, centres)), 0, 1)
+    for axis in (0, 1):
+        if gradients:
+            moves[:, axis, 5 + 3 * axis] = 1
+            moves[:, axis, 6 + 3 * axis : 8 + 3 * axis] = field
+        if clipped:
+            moves[:, first + 2 + axis, 5 + gradients + axis] = 1
+            moves[:, first + 2 + axis, 7 + gradients] = field[:, axis]
+    return moves
+
+
+def _solve(totals: FloatArray, scores: FloatArray, common: int) -> tuple[FloatArray, FloatArray]:
+    """Step and covariance of the shared parameters from the normal equations of blocks."""
+    totals = np.tril(totals) + np.swapaxes(np.tril(totals, -1), 1, 2)
+    normal = totals.sum(axis=0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    scaled = normal * np.outer(scale, scale)
+    # A coefficient that no pixel hangs on stays, and so does the first one: the profile's height is the lenses' own.
+    ridge = np.full(len(scaled), 1e-6)
+    ridge[:common] = 0.0
+    ridge[common : common + 1] = 1e3
+    inverse = np.linalg.inv(scaled + np.diag(ridge)) * np.outer(scale, scale)
+    step = inverse @ scores.sum(axis=0)
+    left = scores - totals @ step
+    return step, inverse @ (left.T @ left) @ inverse
+
+
+def _noise_model(levels: FloatArray, before: FloatArray) -> FloatArray:
+    """Variance by powers of the level (offset, slope, square), none below 0, from the residuals' moments."""
+    from scipy.optimize import nnls
+
     count, total, squares = levels
-    filled = count > 200
+    filled = count > 100
+    if filled.sum() < 3:
+        return before
     level, variance = total[filled] / count[filled], squares[filled] / count[filled]
     weight = np.sqrt(count[filled]) / np.maximum(variance, 1e-12)
-    design = np.stack([np.ones_like(level), level], axis=1)
-    offset, slope = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-    return np.array([max(offset, 1e-2 * float(variance.min())), max(slope, 0.0)])
+    found, _ = nnls(level[:, None] ** np.arange(3) * weight[:, None], variance * weight)
+    return np.array([max(found[0], 1e-2 * float(variance.min())), found[1], found[2]])

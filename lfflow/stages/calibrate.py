@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -13,13 +14,14 @@ from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.distortion import STRAIGHT
 from lfflow.kernels.centres import flatten_scene, measure_centres
 from lfflow.kernels.defects import SATURATED, STEPS, aberrant_pixels
-from lfflow.kernels.equalise import equalise
+from lfflow.kernels.equalise import equalise, weighted
 from lfflow.kernels.lattice_fit import Fit, fit
-from lfflow.kernels.likelihood import refine
+from lfflow.kernels.likelihood import measure_lenses, refine
 from lfflow.kernels.radiometry import normalise_levels
-from lfflow.kernels.residual_field import judge, unjudged
+from lfflow.kernels.residual_field import bend as bend_of
+from lfflow.kernels.residual_field import residual_field, unjudged
+from lfflow.kernels.shade import shade
 from lfflow.kernels.spectrum import start
-from lfflow.kernels.subimage import mean_profile, spread_profile
 from lfflow.kernels.white import white_vignetting
 from lfflow.lattice import ARRANGEMENTS
 from lfflow.schema import CALIBRATION, PARAMETERS
@@ -47,7 +49,12 @@ _SMALL_SIZES = {"parameter": 5, "parameter_b": 5, "axis": 2, "term": STRAIGHT.nu
 
 
 def calibrate(
-    raw: xr.Dataset, method: Method | None = None, *, precise: bool = True, defects: xr.DataArray | None = None
+    raw: xr.Dataset,
+    method: Method | None = None,
+    *,
+    precise: bool = True,
+    alpha: Sequence[float] = (1.0, 1.0, 1.0),
+    defects: xr.DataArray | None = None,
 ) -> xr.Dataset:
     """Lattice, vignetting and defects of a raw frame; nothing in its metadata is trusted.
 
@@ -59,7 +66,9 @@ def calibrate(
         "white": the frame shows an even light. "self": it is a picture; the scene is divided out first.
         By default what ``raw.kind`` says.
     precise
-        Maximum-likelihood refinement of lattices from white images, with the Fisher covariance (four times the work).
+        Maximum likelihood on all lenses; else on one of twelve.
+    alpha
+        Weights of R, G and B (of equal gain) in the local method's quality Q, from whose peaks the refinement starts.
     defects
         Flags (y, x) of sensor pixels known to be bad, of dark frames or many pictures (`lfflow.stages.defects`); they
         are added to those that the frame itself shows.
@@ -84,7 +93,8 @@ def calibrate(
         _tile(raw, "white_level"),
         _method(raw, method),
         _grid(raw),
-        input_core_dims=[_SENSOR, _TILE, _TILE, [], ["grid"]],
+        _tile(raw, _site_weights(alpha)),
+        input_core_dims=[_SENSOR, _TILE, _TILE, [], ["grid"], _TILE],
         output_core_dims=[dims for dims, _ in _OUTPUTS],
         output_dtypes=[dtype for _, dtype in _OUTPUTS],
         vectorize=True,
@@ -112,23 +122,29 @@ def _calibrate_frame(
     white: npt.NDArray[np.float64],
     method: np.uint8,
     grid: npt.NDArray[np.int64],
+    weights: npt.NDArray[np.float64],
     *,
     precise: bool,
 ) -> tuple[Any, ...]:
     raw = np.ascontiguousarray(raw)
     gray, _ = equalise(raw, black)
-    found, flat = locate(gray, scene=method == METHOD_FLAGS["self"], grid=(int(grid[0]), int(grid[1])))
+    scene, shape = bool(method == METHOD_FLAGS["self"]), (raw.shape[0], raw.shape[1])
+    found, flat = locate(gray, scene=scene, grid=(int(grid[0]), int(grid[1])), weights=weights)
+    clipped = _clipped(raw, white)
+    found, state = refine(gray, found, clipped, scene=flat if scene else None, precise=precise)
     bend = unjudged(found.lattice)
-    if method == METHOD_FLAGS["self"]:
-        vignetting = spread_profile(mean_profile(flat, found.lattice), found.lattice, raw.shape)
+    if scene:
+        vignetting = shade(state.aperture, found.lattice, flat)
     else:
-        found = refine(gray, found) if precise else found
-        bend = judge(gray, found.lattice) if precise else bend
+        if precise:
+            centres, _ = measure_lenses(gray, clipped, state)
+            measured = centres[np.isfinite(centres[:, 0])]
+            bend = bend_of(found.lattice, residual_field(found.lattice, measured, shape), shape)
         found = replace(found, lattice=bend.lattice)
         vignetting = white_vignetting(gray, found.lattice)
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
     arrangement = np.uint8(ARRANGEMENTS.index(found.lattice.arrangement))
-    flags = _pixel_flags(raw, black, white, vignetting, scene=method == METHOD_FLAGS["self"])
+    flags = _pixel_flags(raw, black, white, vignetting, scene=scene)
     count = np.int64(found.count)
     bent = bend.distortion.numbers, bend.rms, bend.chance
     return numbers, found.covariance, arrangement, found.rms, count, *bent, vignetting, flags
@@ -148,11 +164,26 @@ def _pixel_flags(
     return flags if scene else flags | (radiance >= 1).astype(np.uint8) * np.uint8(SATURATED)
 
 
-def locate(gray: Image, *, scene: bool, grid: tuple[int, int]) -> tuple[Fit, Image]:
-    """Lattice of a gray image, and the image that it was measured on; `grid` (0, 0) is the lattice's own."""
+def _clipped(raw: npt.NDArray[np.uint16], white: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """1 where a sample (y, x) is at its site's white level, shape (2, 2)."""
+    out = np.zeros(raw.shape, np.uint8)
+    for row in range(2):
+        for column in range(2):
+            out[row::2, column::2] = raw[row::2, column::2] >= white[row, column]
+    return out
+
+
+def locate(
+    gray: Image, *, scene: bool, grid: tuple[int, int], weights: npt.NDArray[np.float64] | None = None
+) -> tuple[Fit, Image]:
+    """Lattice of the subimages' peaks in a gray image, and the image with its scene, if it has one, divided out.
+
+    `grid` (0, 0) is the lattice's own. `weights` (2, 2) of the Bayer tile's sites count in the peaks (the seed's α).
+    """
     first = start(gray)
     flat = flatten_scene(gray, first.dh) if scene else gray
-    return fit(measure_centres(flat, first), first, (gray.shape[0], gray.shape[1]), grid if all(grid) else None), flat
+    centres = measure_centres(flat if weights is None else weighted(flat, weights), first)
+    return fit(centres, first, (gray.shape[0], gray.shape[1]), grid if all(grid) else None), flat
 
 
 def _method(raw: xr.Dataset, method: Method | None) -> xr.DataArray:
@@ -170,9 +201,16 @@ def _method(raw: xr.Dataset, method: Method | None) -> xr.DataArray:
     return codes
 
 
-def _tile(raw: xr.Dataset, name: str) -> xr.DataArray:
+def _site_weights(alpha: Sequence[float]) -> xr.DataArray:
+    """Weights of R, G, B as those of the sites; their mean over a tile is 1."""
+    red, green, blue = alpha
+    sites = np.array([red, green, green, blue], dtype=float)
+    return xr.DataArray(sites / sites.mean(), dims="site")
+
+
+def _tile(raw: xr.Dataset, of_sites: str | xr.DataArray) -> xr.DataArray:
     """Level of each site of the 2×2 tile, dims (tile_y, tile_x) and those of the pattern."""
-    pattern, levels = raw["cfa_pattern"], raw[name]
+    pattern, levels = raw["cfa_pattern"], raw[of_sites] if isinstance(of_sites, str) else of_sites
 
     def place(text: object, level: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return np.array([level[index] for index in site_indices(str(text))], dtype=float).reshape(2, 2)

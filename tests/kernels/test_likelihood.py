@@ -29,7 +29,7 @@ def test_refinement_beats_the_peaks_and_knows_its_error() -> None:
         image, _ = equalise(white_image(seed), np.full((2, 2), 168.0))
         guess = start(image)
         peaks = fit(measure_centres(image, guess), guess, SHAPE)
-        refined = refine(image, peaks)
+        refined, _ = refine(image, peaks)
         assert refined.lattice.distance_to(TRUTH, *SHAPE) < 0.001
         error = np.array([getattr(refined.lattice, name) - getattr(TRUTH, name) for name in NAMES])
         chi_square.append(error @ np.linalg.solve(refined.covariance, error))

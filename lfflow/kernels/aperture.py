@@ -1,0 +1,289 @@
+"""What clips a subimage: the aperture's own disc, and a second one that wanders over the field (cat's eye).
+
+The disc that limits the central subimages is the aperture: its image lies at the same place under every lens and marks
+the lens centre. A rim elsewhere in the main lens is seen as a second disc whose centre o moves linearly with the place
+on the sensor, o = M·(c − middle) + o₀: a lattice of another pitch. Where it clips, the centroid of the light moves with
+it, and only the arc that it leaves free tells where the lens is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.special import ndtr
+
+from lfflow.kernels.lens_scores import Cell, Flags, FloatArray, FloatImage, in_cell
+from lfflow.kernels.radial import Radial
+
+ZONES = 5
+"""Zones along each side of the sensor."""
+CELLS = 12
+"""Bins of a zone's mean subimage per lens pitch."""
+KNOT = 0.4
+"""Distance of the knots of a profile in widths (standard deviations) of its edge."""
+RINGS = 40
+"""Rings per lens pitch within which the misfit of the edges' shape is averaged."""
+WORTH = 0.87
+"""A second disc must lower the remaining sum of squares to this share,"""
+LEAST = 0.008
+"""and move by so many lens pitches from the middle of the sensor to its edge."""
+SHARP = 0.25
+"""An edge that is wider (standard deviation) than so many radii of the aperture is not told from a gradient."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zones:
+    """Mean subimages of the zones of a sensor: bins that hold light, one row each.
+
+    Parameters
+    ----------
+    dx, dy, value, weight
+        Mean offset from the lens centre (px), mean value, number of pixels: shape (n,).
+    zone
+        Zone of each bin, (n,).
+    centres
+        Mean lens centre of each zone, (zones, 2).
+    """
+
+    dx: FloatArray
+    dy: FloatArray
+    value: FloatArray
+    weight: FloatArray
+    zone: npt.NDArray[np.int64]
+    centres: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Aperture:
+    """The mean subimage, and what clips it.
+
+    Parameters
+    ----------
+    f
+        Mean subimage by the distance from the lens centre.
+    h
+        Light that the second disc lets through by the distance from its centre; None without one.
+    matrix, origin, middle
+        That centre relative to the lens at c: matrix·(c − middle) + origin, pixels.
+    sharp
+        Whether the edge is narrow enough to be told from a gradient of the light across the subimages.
+    """
+
+    f: Radial
+    h: Radial | None
+    matrix: FloatArray
+    origin: FloatArray
+    middle: FloatArray
+    sharp: bool
+
+    def offsets(self, centres: FloatArray) -> FloatArray:
+        """Centre of the second disc relative to each lens, (n, 2)."""
+        return np.asarray((centres - self.middle) @ self.matrix.T + self.origin, dtype=np.float64)
+
+    def shifted(self, centres: FloatArray, by: FloatArray) -> Aperture:
+        """Aperture whose second disc has moved by `by` (n, 2) relative to the lenses, an affine function of place."""
+        design = np.column_stack([centres - self.middle, np.ones(len(centres))])
+        change = np.linalg.lstsq(design, by, rcond=None)[0]
+        return replace(self, matrix=self.matrix + change[:2].T, origin=self.origin + change[2])
+
+
+@numba.njit(nogil=True, cache=True)
+def _accumulate(
+    image: FloatImage,
+    flags: Flags,
+    centres: FloatArray,
+    zones: npt.NDArray[np.int64],
+    cell: Cell,
+    step: float,
+    total: FloatArray,
+) -> None:
+    half = total.shape[1] // 2
+    reach = half * step
+    for lens in range(centres.shape[0]):
+        x, y = centres[lens, 0], centres[lens, 1]
+        for j in range(max(int(y - reach) + 1, 0), min(int(y + reach) + 1, image.shape[0])):
+            for i in range(max(int(x - reach) + 1, 0), min(int(x + reach) + 1, image.shape[1])):
+                dx, dy = i - x, j - y
+                if not in_cell(dx, dy, cell) or flags[j, i] != 0:
+                    continue
+                row, column = int(np.rint(dy / step)) + half, int(np.rint(dx / step)) + half
+                if 0 <= row < total.shape[1] and 0 <= column < total.shape[1]:
+                    cellsum = total[zones[lens], row, column]
+                    cellsum[0] += 1.0
+                    cellsum[1] += dx
+                    cellsum[2] += dy
+                    cellsum[3] += image[j, i]
+
+
+def zone_means(image: FloatImage, flags: Flags, centres: FloatArray, cell: Cell, zones: int = ZONES) -> Zones:
+    """Mean subimage of each of `zones`² zones of the sensor.
+
+    Parameters
+    ----------
+    image, flags
+        Gray image, and the pixels to leave out where not 0, shape (y, x).
+    centres
+        Lens centres (n, 2).
+    cell
+        `lfflow.kernels.lens_scores.cell_of`.
+    """
+    pitch = max(cell[2], cell[3])
+    step, half = pitch / CELLS, int(0.6 * CELLS) + 1
+    height, width = image.shape
+    column = np.clip((centres[:, 0] / width * zones).astype(np.int64), 0, zones - 1)
+    row = np.clip((centres[:, 1] / height * zones).astype(np.int64), 0, zones - 1)
+    index = row * zones + column
+    total = np.zeros((zones * zones, 2 * half + 1, 2 * half + 1, 4))
+    _accumulate(image, flags, centres, index, cell, step, total)
+    zone, j, i = np.nonzero(total[..., 0])
+    weight, dx, dy, value = total[zone, j, i].T
+    number = np.maximum(np.bincount(index, minlength=zones * zones), 1)
+    means = [np.bincount(index, centres[:, axis], zones * zones) / number for axis in (0, 1)]
+    return Zones(dx / weight, dy / weight, value / weight, weight, zone, np.stack(means, axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Least squares of the two-disc model on zone means; lengths in lens pitches, field −1…1."""
+
+    offset: tuple[FloatArray, FloatArray]
+    value: FloatArray
+    root: FloatArray
+    zone: npt.NDArray[np.int64]
+    field: FloatArray
+    motion: FloatArray
+    parts: list[slice]
+    tilted: bool = False
+
+    def model(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Light of each bin, and its derivatives, shape (n, parameters).
+
+        The parameters are radius, width and droop of the aperture and five moves of the lattice; with a second disc
+        its scale, its origin (x, y) and its radius.
+        """
+        moves = self.motion[:, self.zone]
+        dx, dy = (self.offset[axis] - moves[axis] @ p[3:8] for axis in (0, 1))
+        square = dx * dx + dy * dy
+        radius = np.sqrt(square) + 1e-9
+        top = 1 + p[2] * square
+        inner, slope = _edge(p[0] - radius, p[1])
+        light = top * inner
+        down = 2 * p[2] * inner - top * slope / radius
+        by_x, by_y = down * dx, down * dy
+        columns = [top * slope, -top * slope * (p[0] - radius) / p[1], square * inner]
+        if len(p) > 8:
+            field = self.field[self.zone]
+            ex, ey = dx - field[:, 0] * p[8] - p[9], dy - field[:, 1] * p[8] - p[10]
+            far = np.hypot(ex, ey) + 1e-9
+            outer, steep = _edge(p[11] - far, p[1])
+            rim = light * steep
+            to_x, to_y = rim * ex / far, rim * ey / far
+            columns = [column * outer for column in columns]
+            columns[1] -= rim * (p[11] - far) / p[1]
+            by_x, by_y, light = by_x * outer - to_x, by_y * outer - to_y, light * outer
+            columns += [field[:, 0] * to_x + field[:, 1] * to_y, to_x, to_y, rim]
+        moved = [-by_x * moves[0, :, q] - by_y * moves[1, :, q] for q in range(5)]
+        return light, np.stack(columns[:3] + moved + columns[3:], axis=1)
+
+    def residual(self, p: FloatArray) -> FloatArray:
+        """Misfit of each bin, the zone's brightness solved for."""
+        return self._fitted(p)[0]
+
+    def jacobian(self, p: FloatArray) -> FloatArray:
+        """Its derivatives, as far as they cannot be made up for by the brightness."""
+        return self._fitted(p)[1]
+
+    def odd(self, p: FloatArray) -> float:
+        """Sum of squares that no function of the radius explains: what the edges' shape cannot be blamed for."""
+        left = self.residual(p)
+        ring = (np.hypot(*self.offset) * RINGS).astype(np.int64)
+        bottom = np.maximum(np.bincount(ring, self.root**2), 1e-12)
+        left = left - (np.bincount(ring, left * self.root) / bottom)[ring] * self.root
+        return float(left @ left)
+
+    def _fitted(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Misfit and its derivatives, each zone's brightness (and gradient, if `tilted`) solved for."""
+        light, slopes = self.model(p)
+        light, slopes = light * self.root, slopes * self.root[:, None]
+        left = self.value.copy()
+        for part in self.parts:
+            tilt = np.stack([np.ones(part.stop - part.start), *(axis[part] for axis in self.offset)], axis=1)
+            base = light[part, None] * tilt[:, : 3 if self.tilted else 1]
+            inverse = np.linalg.inv(base.T @ base + 1e-9 * np.eye(base.shape[1]))
+            shares = inverse @ (base.T @ self.value[part])
+            left[part] -= base @ shares
+            bright = tilt[:, : len(shares)] @ shares
+            slope = slopes[part] * bright[:, None]
+            slopes[part] = base @ (inverse @ (base.T @ slope)) - slope
+        return left, slopes
+
+
+def _edge(inside: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """A soft edge at the distance `inside` of its line, and its slope."""
+    place = inside / width
+    return ndtr(place), np.exp(-0.5 * np.minimum(place * place, 200.0)) / (abs(width) * 2.5066282746310002)
+
+
+def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray) -> tuple[Aperture, FloatArray]:
+    """Aperture of a picture, and how the five lattice parameters must change.
+
+    Parameters
+    ----------
+    zones
+        Mean subimages about the lattice's centres.
+    motion
+        Derivatives of the zones' mean centres by the lattice's parameters, (2, zones, 5).
+    pitch
+        Lens pitch, pixels.
+    middle
+        Middle of the sensor (x, y).
+    """
+    scale = np.abs(motion).max(axis=(0, 1)) / pitch
+    peak = float(np.percentile(zones.value, 98))
+    root = np.sqrt(zones.weight / zones.weight.mean())
+    field = (zones.centres - middle) / middle
+    problem = _Problem(
+        (zones.dx / pitch, zones.dy / pitch),
+        zones.value / peak * root,
+        root,
+        zones.zone,
+        field,
+        motion / scale / pitch,
+        [slice(a, b) for a, b in itertools.pairwise(np.searchsorted(zones.zone, np.arange(len(zones.centres) + 1)))],
+    )
+    start = np.array([0.46, 0.06, -0.2, *np.zeros(5)])
+    single = best = _solve(problem, start)
+    if abs(single[1]) > SHARP * single[0]:
+        return _aperture(single, pitch, middle, sharp=False), np.asarray(single[3:8] / scale)
+    problem = replace(problem, tilted=True)
+    single = best = _solve(problem, single)
+    for side in (-0.25, 0.25):
+        found = _solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]]))
+        better = problem.odd(found) < min(problem.odd(best), WORTH * problem.odd(single))
+        best = found if better and _clips(found) else best
+    return _aperture(best, pitch, middle, sharp=True), np.asarray(best[3:8] / scale)
+
+
+def _clips(p: FloatArray) -> bool:
+    """Whether what was found is a second disc: wandering, and about as large as the aperture."""
+    return bool(abs(p[8]) > LEAST and 0.98 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0])
+
+
+def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
+    found = least_squares(problem.residual, start, problem.jacobian, method="lm", max_nfev=25, xtol=1e-5, ftol=1e-5)
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def _aperture(p: FloatArray, pitch: float, middle: FloatArray, *, sharp: bool) -> Aperture:
+    knot = KNOT * abs(p[1]) * pitch
+    f = Radial.like(lambda r: (1 + p[2] * (r / pitch) ** 2) * ndtr((p[0] - r / pitch) / p[1]), 0, 0.585 * pitch, knot)
+    if len(p) == 8:
+        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp)
+    low, high = ((p[11] + side * abs(p[1])) * pitch for side in (-4, 4))
+    h = Radial.like(lambda r: ndtr((p[11] - r / pitch) / p[1]), low, high, knot)
+    return Aperture(f, h, np.diag(p[8] * pitch / middle), p[9:11] * pitch, middle, sharp)

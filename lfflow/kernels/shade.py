@@ -1,0 +1,131 @@
+"""Relative illumination of every sensor pixel, from a picture of any scene.
+
+It is the product of what the lenses look like (`lfflow.kernels.aperture`: edges that wander over the field) and of a
+correction by the place in the subimage, measured zone by zone on the picture without its scene and blended between the
+zones: it holds what is not a function of the radius, and gradients that change over the field.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from lfflow.kernels.aperture import Aperture
+from lfflow.kernels.radial import FINE
+from lfflow.kernels.subimage import Geometry, geometry, offset_from_lens
+from lfflow.lattice import Lattice
+
+ZONES = 6
+"""Zones along each side of the sensor."""
+CELLS = 10
+"""Bins of the correction per lens pitch."""
+FAINT = 0.1
+"""Light (1 at the peak) below which the correction fades out."""
+HIGHLIGHT = 4.0
+"""Pixels of the flattened picture above it are left out."""
+
+FloatImage = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+
+
+@numba.njit(nogil=True, cache=True)
+def _model(
+    lens: Geometry,
+    f: FloatArray,
+    h: FloatArray,
+    matrix: FloatArray,
+    origin: FloatArray,
+    middle: FloatArray,
+    out: FloatImage,
+) -> None:
+    cos, sin = lens[0], lens[1]
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            a, b = offset_from_lens(float(x), float(y), lens)
+            dx, dy = cos * a - sin * b, sin * a + cos * b
+            value = f[min(int(math.sqrt(a * a + b * b) * FINE + 0.5), f.shape[0] - 1)]
+            if h.shape[0] > 0:
+                u, v = x - dx - middle[0], y - dy - middle[1]
+                ex = dx - matrix[0, 0] * u - matrix[0, 1] * v - origin[0]
+                ey = dy - matrix[1, 0] * u - matrix[1, 1] * v - origin[1]
+                value *= h[min(int(math.sqrt(ex * ex + ey * ey) * FINE + 0.5), h.shape[0] - 1)]
+            out[y, x] = max(value, 0.0)
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _between(place: float, last: int) -> tuple[int, float]:
+    """Lower of the two nodes about a place, 0…last − 1, and the share of the upper one."""
+    place = min(max(place, 0.0), last - 1e-6)
+    return int(place), place - int(place)
+
+
+@numba.njit(nogil=True, cache=True)
+def _compare(
+    flat: FloatImage, model: FloatImage, lens: Geometry, scale: float, seen: FloatArray, due: FloatArray
+) -> None:
+    """Add the picture and the model to the bins of the zone of each pixel: (zones, zones, side, side)."""
+    zones, half = seen.shape[0], seen.shape[2] // 2
+    for y in range(flat.shape[0]):
+        row = y * zones // flat.shape[0]
+        for x in range(flat.shape[1]):
+            if flat[y, x] > HIGHLIGHT:
+                continue
+            a, b = offset_from_lens(float(x), float(y), lens)
+            i, j = int(np.rint(a * scale)) + half, int(np.rint(b * scale)) + half
+            column = x * zones // flat.shape[1]
+            if 0 <= i <= 2 * half and 0 <= j <= 2 * half:
+                seen[row, column, j, i] += flat[y, x]
+                due[row, column, j, i] += model[y, x]
+
+
+@numba.njit(nogil=True, cache=True)
+def _correct(model: FloatImage, lens: Geometry, scale: float, ratio: FloatArray) -> None:
+    """Multiply the model by the ratio, interpolated between the bins and the middles of the zones."""
+    zones, half = ratio.shape[0], ratio.shape[2] // 2
+    for y in range(model.shape[0]):
+        v, fv = _between((y + 0.5) / model.shape[0] * zones - 0.5, zones - 1)
+        for x in range(model.shape[1]):
+            u, fu = _between((x + 0.5) / model.shape[1] * zones - 0.5, zones - 1)
+            a, b = offset_from_lens(float(x), float(y), lens)
+            i, fi = _between(a * scale + half, 2 * half)
+            j, fj = _between(b * scale + half, 2 * half)
+            total = 0.0
+            for q in range(16):
+                share = (fv if q & 1 else 1 - fv) * (fu if q & 2 else 1 - fu)
+                share *= (fj if q & 4 else 1 - fj) * (fi if q & 8 else 1 - fi)
+                total += share * ratio[v + (q & 1), u + (q >> 1 & 1), j + (q >> 2 & 1), i + (q >> 3)]
+            model[y, x] *= total
+
+
+def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
+    """Light under each pixel's lens relative to its brightest place, 0 to 1, float32 (y, x).
+
+    How bright a lens is against another is left out: in a picture of a scene that is the scene's.
+
+    Parameters
+    ----------
+    aperture, lattice
+        What the lenses look like, and where they are.
+    flat
+        The picture with its scene divided out (`lfflow.kernels.centres.flatten_scene`), shape (y, x).
+    """
+    model, lens = np.empty(flat.shape, np.float32), geometry(lattice)
+    f = aperture.f.table()[:, 0]
+    h = np.zeros(0) if aperture.h is None else aperture.h.table()[:, 0]
+    _model(lens, f / f.max(), h, aperture.matrix, aperture.origin, aperture.middle, model)
+    scale, half = CELLS / lattice.dh, math.ceil(0.62 * CELLS * max(1.0, lattice.dv / lattice.dh)) + 1
+    seen, due = np.zeros((2, ZONES, ZONES, 2 * half + 1, 2 * half + 1))
+    _compare(flat, model, lens, scale, seen, due)
+    _correct(model, lens, scale, _ratio(seen, due))
+    return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99.9)), 1e-6)), 1))
+
+
+def _ratio(seen: FloatArray, due: FloatArray) -> FloatArray:
+    """Picture over model in each bin, 1 on the mean of a zone; the model holds where it expects no light."""
+    total, expected = (sums.sum(axis=(2, 3), keepdims=True) for sums in (seen, due))
+    level = np.where(expected > 0, total / np.maximum(expected, 1e-12), 1)
+    prior = FAINT * expected / seen[0, 0].size
+    return np.asarray((seen / np.maximum(level, 1e-12) + prior) / np.maximum(due + prior, 1e-12))
