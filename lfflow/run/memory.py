@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lfflow.collection.scalars import is_region
 from lfflow.schema import Schema
 
@@ -59,9 +61,8 @@ def writing_bytes(schema: Schema, extent: Extent) -> int:
 
 
 def _array_bytes(schema: Schema, extent: Extent) -> list[int]:
-    width = {"float32": 4, "uint8": 1, "uint16": 2, "float64": 8}
     return [
-        width[variable.dtype] * (extent.pixels if "y" in variable.dims else extent.samples)
+        np.dtype(variable.dtype).itemsize * (extent.pixels if "y" in variable.dims else extent.samples)
         for variable in schema.variables
         if is_region(variable)
     ]
