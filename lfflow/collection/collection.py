@@ -64,18 +64,18 @@ class Collection:
     def with_states(self, table: pd.DataFrame) -> pd.DataFrame:
         """Table with the columns `calibration_state` … `disparity_state` and the `failure` of those that failed."""
         table = table.copy()
-        failures = dict.fromkeys(table["id"].astype("str"), "")
+        names = [str(name) for name in table["id"]]
+        failures = dict.fromkeys(names, "")
+        facts = list(zip(names, *(table[column] for column in _FACTS), strict=True))
         for kind in KINDS:
             done = set(self.ledger.captures(kind))
             failed = self.ledger.records(kind, FAILED)
-            states = []
-            for _, row in table.iterrows():
-                name = str(row["id"])
-                states.append(_state(row, kind, done, failed))
-                if name in failed and name not in done:
-                    failures[name] = f"{kind}: {failed[name].reason}"
+            states = [_state(kind, name in done, name in failed, *map(str, row)) for name, *row in facts]
             table[f"{kind}_state"] = pd.Series(states, dtype="str", index=table.index)
-        reasons = [failures[str(name)] or reason for name, reason in zip(table["id"], table["reason"], strict=True)]
+            failures |= {
+                name: f"{kind}: {failed[name].reason}" for name in names if name in failed and name not in done
+            }
+        reasons = [failures[name] or str(reason) for name, reason in zip(names, table["reason"], strict=True)]
         table["failure"] = pd.Series(reasons, dtype="str", index=table.index)
         return table
 
@@ -191,16 +191,16 @@ def needed_stages(kind: str, white: str) -> tuple[str, ...]:
     return KINDS[:1] if kind == "white" else ()
 
 
-def _state(row: pd.Series, kind: str, done: set[str], failed: Mapping[str, Any]) -> str:
-    name = str(row["id"])
-    if name in done:
+_FACTS = ("reason", "duplicate_of", "kind", "white")
+
+
+def _state(stage: str, done: bool, failed: bool, reason: str, duplicate_of: str, kind: str, white: str) -> str:
+    if done:
         return "done"
-    if row["reason"]:
+    if reason:
         return "unreadable"
-    if row["duplicate_of"]:
+    if duplicate_of:
         return "duplicate"
-    if kind not in needed_stages(str(row["kind"]), str(row["white"])):
+    if stage not in needed_stages(kind, white):
         return ""
-    if name in failed:
-        return "failed"
-    return "pending"
+    return "failed" if failed else "pending"
