@@ -1,85 +1,125 @@
-"""Estimated lattice against metadata (METHOD 6.2.3): ``python pipelines/rotation_study.py OUT FILE.lfp...``.
+"""Estimated lattices against metadata (METHOD 6.2.3): ``python -m pipelines.rotation_study COLLECTION_OR_FILES OUT``.
 
-The projection from the exit pupil scales both pitches by 1 + f/Z and leaves θ and dv/dh alone: over zoom and focus θ
-and dv/dh should stay constant, and dh follow the prediction.
+Takes a collection (its calibrations as they are stored) or files and folders (which it calibrates). The projection from
+the exit pupil scales both pitches by 1 + f/Z and leaves θ and dv/dh alone: over zoom and focus θ and dv/dh should be
+constant, and dh, dv and C follow the prediction. Writes ``lattices.csv``, ``lattices.png`` and ``systematic.txt``.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import xarray as xr
 
+from lfflow.collection import open_collection
+from lfflow.collection.catalogue import FILE
+from lfflow.lattice import Lattice
+from lfflow.run.chain import CHAIN
 from lfflow.schema import lattice_of
+from lfflow.schema.declarations import METHOD_FLAGS
 from lfflow.stages.calibrate import calibrate
+from pipelines import lattice_systematics
+from pipelines.lattice_prediction import Prediction, implied_pupil, off_centre, predict
 
-SENTINEL = 1000.0
-"""Early firmware writes 10000 m for an exit pupil that it does not know: no magnification."""
-
-
-def study(raws: Iterable[xr.Dataset]) -> pd.DataFrame:
-    """One row a capture: estimate, prediction from `mla` and lens data, and their difference."""
-    rows = []
-    for raw in raws:
-        cal = calibrate(raw)
-        lattice = lattice_of(cal)
-        given = {name: float(raw[name]) for name in raw.coords if raw[name].ndim == 0 and raw[name].dtype.kind == "f"}
-        pupil = given.get("exit_pupil_offset", math.nan)
-        magnification = 1 + given["mla_offset_z"] / pupil if abs(pupil) < SENTINEL else 1.0
-        pitch = given["lens_pitch"] / given["pixel_pitch"] * magnification
-        rows.append(
-            {
-                "capture": str(raw["capture"].item()) if "capture" in raw.coords else "",
-                "zoom_step": given.get("zoom_step", math.nan),
-                "focus_step": given.get("focus_step", math.nan),
-                "dh": lattice.dh,
-                "dv": lattice.dv,
-                "ratio": lattice.dv / lattice.dh - 1,
-                "theta": lattice.theta,
-                "theta_std": float(cal["covariance"][2, 2]) ** 0.5,
-                "dh_difference": lattice.dh - pitch * given["mla_scale_x"],
-                "dv_difference": lattice.dv - pitch * given["mla_scale_y"],
-                "theta_difference": lattice.theta - given["mla_rotation"],
-            }
-        )
-    return pd.DataFrame(rows)
+Pair = tuple[xr.Dataset, xr.Dataset]
 
 
-def systematic(table: pd.DataFrame) -> str:
-    """What is constant over the captures and differs from the metadata by more than its spread."""
-    lines = []
-    for name in ("theta_difference", "dh_difference", "dv_difference"):
-        mean, spread = table[name].mean(), table[name].std(ddof=0)
-        verdict = "systematic" if abs(mean) > 3 * spread / math.sqrt(len(table)) + 1e-7 else "within the spread"
-        lines.append(f"{name}: mean {mean:+.3e}, spread {spread:.1e}: {verdict}")
-    return "\n".join(lines)
+def pairs(inputs: Iterable[str]) -> Iterator[Pair]:
+    """Raw frame (for its metadata) and calibration of everything named."""
+    for item in inputs:
+        if (Path(item) / FILE).exists():
+            yield from stored(item)
+            continue
+        path = Path(item)
+        files = sorted(p for p in path.rglob("*") if p.suffix.lower() in (".lfp", ".lfr")) if path.is_dir() else [path]
+        for file in files:
+            with CHAIN.open_raw(str(file)) as raw:
+                yield raw, calibrate(raw)
 
 
-def plot(table: pd.DataFrame, path: Path) -> None:
-    """Rotation and pitch of every capture against its zoom step."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 3.5))
-    axes = figure.subplots(1, 3)
-    for ax, name in zip(axes, ("theta", "dh", "ratio"), strict=True):
-        ax.plot(table["zoom_step"], table[name], "o")
-        ax.set(xlabel="zoom step", title=name)
-    figure.tight_layout()
-    figure.savefig(path)
+def stored(where: str) -> Iterator[Pair]:
+    """Pairs of a collection: every calibration that it holds."""
+    collection = open_collection(where)
+    paths = collection.catalogue_rows().set_index("id")["path"]
+    for group in collection.store("calibration").groups():
+        calibrations = collection.open("calibration", camera=group, chunks=None)
+        for name in calibrations["capture"].values:
+            with CHAIN.open_raw(paths[name]) as raw:
+                yield raw, calibrations.sel(capture=name)
 
 
-def main(out: Path, files: list[Path]) -> str:
-    """Table ``rotation.csv``, plot ``rotation.png`` and the verdict."""
+def study(found: Iterable[Pair]) -> pd.DataFrame:
+    """One row a lattice: measured, predicted from `mla` and lens data, and their difference."""
+    return pd.DataFrame([row(raw, cal) for raw, cal in found])
+
+
+def row(raw: xr.Dataset, cal: xr.Dataset) -> dict[str, float | str]:
+    """Numbers of one lattice."""
+    lattice, told = lattice_of(cal), predict(raw)
+    expected = told.lattice
+    deviation = dict(zip(("dh", "dv", "theta"), (float(cal["covariance"][i, i]) ** 0.5 for i in range(3)), strict=True))
+    ratio, off = lattice.dv / lattice.dh - 1, off_centre(lattice, expected)
+    return {
+        "capture": str(cal["capture"].item()) if "capture" in cal.coords else "",
+        "method": next(name for name, flag in METHOD_FLAGS.items() if flag == int(cal["method"])),
+        "width": raw.sizes["x"],
+        **{name: _given(raw, name) for name in ("zoom_step", "focus_step", "focal_length", "temperature")},
+        "exit_pupil_offset": told.pupil,
+        "gap": told.gap,
+        "bare_pitch": expected.dh / told.magnification,
+        "dh": lattice.dh,
+        "dv": lattice.dv,
+        "ratio": ratio,
+        "theta": lattice.theta,
+        **{f"{name}_std": value for name, value in deviation.items()},
+        "ratio_std": math.hypot(deviation["dh"], deviation["dv"]) / lattice.dh,
+        "predicted_dh": expected.dh,
+        "predicted_dv": expected.dv,
+        "predicted_ratio": expected.dv / expected.dh - 1,
+        "predicted_theta": expected.theta,
+        "dh_difference": lattice.dh - expected.dh,
+        "dv_difference": lattice.dv - expected.dv,
+        "ratio_difference": ratio - (expected.dv / expected.dh - 1),
+        "theta_difference": lattice.theta - expected.theta,
+        "cx_difference": off[0],
+        "cy_difference": off[1],
+        "implied_pupil": implied_pupil(lattice.dh, told.gap, told.magnification, expected.dh),
+        **_signs(lattice, told, raw),
+    }
+
+
+def _given(raw: xr.Dataset, name: str) -> float:
+    return float(raw[name]) if name in raw.coords else math.nan
+
+
+def _signs(lattice: Lattice, told: Prediction, raw: xr.Dataset) -> dict[str, float]:
+    """Distance from the nearest lens of the array's middle under each sign of its offset."""
+    middle = (raw.sizes["x"] - 1) / 2, (raw.sizes["y"] - 1) / 2
+    offset = told.lattice.cx - middle[0], told.lattice.cy - middle[1]
+    found = {}
+    for signs, (x, y) in {"++": (1, 1), "+-": (1, -1), "-+": (-1, 1), "--": (-1, -1)}.items():
+        place = replace(told.lattice, cx=middle[0] + x * offset[0], cy=middle[1] + y * offset[1])
+        found[f"off{signs}"] = math.hypot(*off_centre(lattice, place))
+    return found
+
+
+def main(inputs: list[str], out: Path) -> str:
+    """Study everything named; returns the table and what is systematic, which are also written to `out`."""
+    table = study(pairs(inputs)).sort_values(["zoom_step", "focus_step", "capture"], ignore_index=True)
+    lines = [*lattice_systematics.statements(table), lattice_systematics.convention(table)]
     out.mkdir(parents=True, exist_ok=True)
-    table = study(xr.open_dataset(file, engine="lfp") for file in files)
-    table.to_csv(out / "rotation.csv", index=False)
-    plot(table, out / "rotation.png")
-    return f"{table.to_string(index=False)}\n{systematic(table)}\n"
+    table.to_csv(out / "lattices.csv", index=False)
+    (out / "systematic.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    lattice_systematics.plot(table, str(out / "lattices.png"))
+    shown = ["capture", "zoom_step", "focus_step", "dh", "dh_difference", "dv_difference", "ratio_difference", "theta",
+             "theta_difference", "cx_difference", "cy_difference"]  # fmt: skip
+    return table[shown].to_string(index=False) + "\n\n" + "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":
-    print(main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]))
+    print(main(sys.argv[1:-1], Path(sys.argv[-1])))
