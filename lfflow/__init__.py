@@ -6,8 +6,9 @@ Axes, signs and units: `lfflow.conventions`.
 from __future__ import annotations
 
 import importlib
-import sys
 from typing import TYPE_CHECKING, Any
+
+from lfflow.registration import register_accessor
 
 if TYPE_CHECKING:
     from lfflow.collection import open_collection
@@ -44,14 +45,12 @@ __all__ = [
 ]
 
 
-if "xarray" in sys.modules:
-    importlib.import_module("lfflow.accessor")
+register_accessor()
 
 
 def __getattr__(name: str) -> Any:
     """Import the public functions when they are first used: `lfflow --help` must not wait for scipy."""
     if name in _HOME:
-        importlib.import_module("lfflow.accessor")
         return getattr(importlib.import_module(_HOME[name]), name)
     raise AttributeError(f"module 'lfflow' has no attribute {name!r}")
 

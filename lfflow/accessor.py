@@ -33,11 +33,18 @@ class LightFieldAccessor:
 
         return square(self._data, scale)
 
-    def picture(self, scale: int = 1) -> xr.DataArray:
+    def picture(self, scale: int = 1, *, camera: xr.Dataset | None = None) -> xr.DataArray:
         """Views as a person sees them (`lfflow.stages.square.picture`)."""
         from lfflow.stages.square import picture
 
-        return picture(self._data, scale)
+        return picture(self._data, scale, camera=camera)
+
+    @property
+    def views(self) -> xr.Dataset:
+        """Light field with the samples of its usable views alone (`lfflow.stages.samples.only_usable`)."""
+        from lfflow.stages.samples import only_usable
+
+        return self._dataset().pipe(only_usable)
 
     def saturated(self) -> xr.DataArray:
         """Clipped samples (`lfflow.stages.samples.saturated`)."""
@@ -51,11 +58,11 @@ class LightFieldAccessor:
 
         return self._dataset().pipe(residual)
 
-    def usable_views(self, least: float = 0.1) -> xr.DataArray:
+    def usable_views(self) -> xr.DataArray:
         """Views with enough light (`lfflow.stages.samples.usable_views`)."""
         from lfflow.stages.samples import usable_views
 
-        return self._dataset().pipe(usable_views, least)
+        return self._dataset().pipe(usable_views)
 
     def refocus(self, d: Any = 0.0, **options: Any) -> xr.DataArray:
         """Picture focused on disparity ``d``; several make a focal stack (`lfflow.stages.refocus.refocus`)."""
@@ -99,15 +106,20 @@ class LightFieldAccessor:
 
         return self._dataset().pipe(from_lftoolbox)
 
-    def plot(self, u: int = 0, v: int = 0, *, scale: int = 1, **options: Any) -> Any:
+    def plot(self, u: int = 0, v: int = 0, *, scale: int = 1, camera: xr.Dataset | None = None, **options: Any) -> Any:
         """Draw one view: in colour where there are colours, else as values. Returns the matplotlib image."""
         one = self._data.sel(u=u, v=v) if "u" in self._data.dims else self._data
-        if isinstance(one, xr.Dataset) or "channel" in one.dims:
-            from lfflow.stages.square import picture
+        if not isinstance(one, xr.Dataset) and "channel" not in one.dims:
+            return one.transpose("t", "s").plot.imshow(yincrease=False, **options)
+        from lfflow.stages.square import picture
 
-            shown = picture(one, scale).fillna(0).transpose("t", "s", "channel")
-            return shown.plot.imshow(rgb="channel", yincrease=False, **options)
-        return one.transpose("t", "s").plot.imshow(yincrease=False, **options)
+        shown = picture(one, scale, camera=camera).fillna(0).transpose("t", "s", "channel")
+        image = shown.plot.imshow(rgb="channel", yincrease=False, **options)
+        image.axes.set_aspect("equal")
+        usable = one.coords.get("view_usable")
+        dark = usable is not None and usable.chunks is None and not usable.item()
+        image.axes.set_title(f"view u = {u}, v = {v}" + (" (hardly any light)" if dark else ""))
+        return image
 
     def _dataset(self) -> xr.Dataset:
         if isinstance(self._data, xr.Dataset):
@@ -116,25 +128,44 @@ class LightFieldAccessor:
 
     def _facts(self) -> dict[str, str]:
         data = self._data
-        facts = {"camera": " ".join(str(data[n].values) for n in ("camera_model", "camera_serial") if n in data.coords)}
+        names = [name for name in ("camera_model", "camera_serial") if name in data.coords]
+        facts = {"camera": " ".join(sorted({str(value) for name in names for value in data[name].values.ravel()}))}
+        facts["captures"] = str(data.sizes["capture"]) if "capture" in data.dims else ""
         if "dh" in data.coords and data["dh"].chunks is None and data["dh"].ndim == 0:
-            numbers = (f"{name} {float(data[name]):.5f}" for name in ("dh", "dv", "theta", "cx", "cy"))
-            facts["lattice"] = ", ".join(numbers)
-        facts["views"] = " × ".join(f"{data.sizes[d]} {d}" for d in ("v", "u") if d in data.dims)
+            units = {"dh": "px", "dv": "px", "theta": "rad", "cx": "px", "cy": "px"}
+            facts["lattice"] = ", ".join(f"{name} {float(data[name]):.5f} {unit}" for name, unit in units.items())
+        facts["views"] = " × ".join(f"{data.sizes[d]} {d}" for d in ("v", "u") if d in data.dims) + self._usable()
         facts["lenses"] = " × ".join(f"{data.sizes[d]} {d}" for d in ("t", "s") if d in data.dims)
-        if isinstance(data, xr.Dataset) and "cfa" in data:
-            lazy = data["cfa"].chunks is not None
-            facts["missing"] = (
-                "not computed yet" if lazy else f"{float((data['cfa'] == CFA_NONE).mean()):.1%} of the samples"
-            )
+        facts["missing"] = self._missing()
         return {name: text for name, text in facts.items() if text}
+
+    def _usable(self) -> str:
+        usable = self._data.coords.get("view_usable")
+        if usable is None or usable.chunks is not None or not {"v", "u"} & set(usable.dims):
+            return ""
+        return f", {float(usable.sum({'v', 'u'} & set(usable.dims)).mean()):g} of them usable"
+
+    def _missing(self) -> str:
+        if not isinstance(self._data, xr.Dataset) or "cfa" not in self._data:
+            return ""
+        if self._data["cfa"].chunks is not None:
+            return "not computed yet"
+        missing = self._data["cfa"] == CFA_NONE
+        text = f"{float(missing.mean()):.1%} of the places"
+        if "view_usable" not in self._data.coords or "v" not in self._data.dims:
+            return text
+        return f"{text}, {float(missing.where(self._data['view_usable']).mean()):.1%} of those of usable views"
 
     def __repr__(self) -> str:
         return "\n".join(["Light field", *(f"  {name:8} {text}" for name, text in self._facts().items())])
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><th>{n}</th><td>{html.escape(text)}</td></tr>" for n, text in self._facts().items())
-        return f"<table><caption>Light field</caption>{rows}</table>"
+        left = 'style="text-align: left; vertical-align: top; padding: 0.1em 1em 0.1em 0"'
+        rows = "".join(
+            f"<tr><th {left}>{name}</th><td {left}>{html.escape(text)}</td></tr>"
+            for name, text in self._facts().items()
+        )
+        return f"<table><caption {left}><b>Light field</b></caption>{rows}</table>"
 
 
 for _register in (xr.register_dataset_accessor, xr.register_dataarray_accessor):

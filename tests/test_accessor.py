@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
 
-import lfflow.accessor
 from lfflow.errors import LfflowError
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_of
@@ -140,6 +142,56 @@ def test_lftoolbox_and_back(field: xr.Dataset) -> None:
     xr.testing.assert_identical(from_lftoolbox(away), field)
 
 
+@pytest.mark.parametrize(
+    "program",
+    [
+        "import lfflow, xarray; xarray.Dataset().lf",
+        "import xarray, lfflow; xarray.DataArray(1).lf",
+        "import lfflow.lattice, sys; assert 'xarray' not in sys.modules; import xarray as xr; xr.Dataset().lf",
+        "import lfflow; from xarray import Dataset; Dataset().lf; import importlib.resources as r; r.files('xarray')",
+    ],
+)
+def test_the_accessor_is_there_in_any_order_of_imports(program: str) -> None:
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_views_hold_the_samples_of_usable_views_alone(field: xr.Dataset, no_compute: None) -> None:
+    usable = field.view_usable.values
+    assert 0 < usable.sum() < usable.size
+    for given in (field, field.transpose("s", "u", "t", "v", ...), field.expand_dims(capture=["A", "B"])):
+        views = given.lf.views
+        assert views.mosaic.dims == given.mosaic.dims
+        mine = views.transpose(..., "v", "u", "t", "s")
+        assert (mine.cfa.values[..., ~usable, :, :] == 255).all()
+        assert np.isnan(mine.mosaic.values[..., ~usable, :, :]).all()
+        assert (mine.weight.values[..., ~usable, :, :] == 0).all()
+        part = mine.mosaic.values[..., usable, :, :]
+        np.testing.assert_array_equal(part, np.broadcast_to(field.mosaic.values[usable], part.shape))
+        assert mine.mosaic.dtype == np.float32
+        assert mine.cfa.dtype == np.uint8
+    lazy = field.chunk(v=1).lf.views
+    assert lazy.mosaic.chunks
+    xr.testing.assert_identical(lazy.compute(scheduler="synchronous"), field.lf.views)
+    told = usable_views(field.drop_vars("view_usable"))
+    np.testing.assert_array_equal(told, field.view_usable)
+    assert (told.dims, told.attrs) == (field.view_usable.dims, field.view_usable.attrs)
+
+
+def test_pictures_take_every_step_or_say_which_they_cannot(field: xr.Dataset) -> None:
+    matrix, gains, gamma = field.color_matrix.values, field.white_balance.values, float(field.gamma)
+    dim = field.assign(mosaic=field.mosaic * np.float32(0.2)).sel(u=0, v=0)
+    rgb = square(dim)
+    expected = np.clip((rgb.values * (gains / gains.min())).clip(max=1) @ matrix.T, 0, 1) ** gamma
+    np.testing.assert_allclose(dim.lf.picture(), expected, atol=1e-5)
+    np.testing.assert_allclose(rgb.lf.picture(camera=field), expected, atol=1e-5)
+    assert dim.chunk().lf.picture().chunks
+    with pytest.raises(LfflowError, match="camera="):
+        rgb.lf.picture()
+    plain = rgb.drop_vars("camera_model")
+    np.testing.assert_allclose(plain.lf.picture(), rgb.clip(0, 1) ** gamma, atol=1e-5)
+
+
 def test_usable_views_and_clipped_samples(field: xr.Dataset) -> None:
     usable = usable_views(field)
     assert bool(usable.sel(u=0, v=0))
@@ -148,13 +200,17 @@ def test_usable_views_and_clipped_samples(field: xr.Dataset) -> None:
 
 
 def test_plot_and_repr(field: xr.Dataset) -> None:
-    assert lfflow.accessor
     assert field.lf.plot().get_array().shape[-1] in (3, 4)
     assert field.weight.lf.plot(u=1).get_array().ndim == 2
     page = field.lf._repr_html_()
     assert "missing" in page
     assert "10.0" in page
-    assert "missing" in repr(field.chunk().lf)
+    assert "of them usable" in page
+    assert "not computed yet" in repr(field.chunk().lf)
+    assert "hardly any light" in field.lf.plot(u=5, v=5).axes.get_title()
+    two = xr.concat([field, field.assign_coords(capture="OTHER")], "capture")
+    assert "captures 2" in repr(two.lf)
+    assert f"{int(field.view_usable.sum())} of them usable" in repr(two.lf)
 
 
 def test_nothing_is_computed_before_asked(field: xr.Dataset, no_compute: None) -> None:

@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from lfflow.conventions import CFA_NONE, FROM_LFTOOLBOX, LENS_DIMS, TO_LFTOOLBOX
+from lfflow.conventions import CFA_NONE, FROM_LFTOOLBOX, LENS_DIMS, TO_LFTOOLBOX, VIEW_DIMS
 from lfflow.distortion import Distortion
 from lfflow.kernels.demultiplex import MIN_VIGNETTING, residuals
-from lfflow.schema import PARAMETERS, distortion_numbers
+from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
 from lfflow.stages.demultiplex import lattices_from
-
-USABLE_WEIGHT = 0.1
-"""A view is usable when the mean weight of its lenses on the sensor is at least this."""
 
 
 def saturated(lf: xr.Dataset) -> xr.DataArray:
@@ -43,11 +40,27 @@ def residual(lf: xr.Dataset) -> xr.Dataset:
     return ds
 
 
-def usable_views(lf: xr.Dataset, least: float = USABLE_WEIGHT) -> xr.DataArray:
-    """True for the views (v, u) whose mean weight, over the lenses that lie on the sensor, is at least `least`."""
-    on_sensor = (lf["cfa"] != CFA_NONE).any(("v", "u"))
-    usable: xr.DataArray = (lf["weight"].where(on_sensor).mean(LENS_DIMS) >= least).rename("usable_view")
-    return usable.assign_attrs(long_name="view with enough light", units="1")
+def usable_views(lf: xr.Dataset) -> xr.DataArray:
+    """True for the views (v, u) with a sample at half of the lenses on the sensor at least; ``view_usable`` if known.
+
+    Below a vignetting of `MIN_VIGNETTING` there are no samples, so that the median weight of the others reaches it.
+    """
+    if "view_usable" in lf.variables:
+        return lf["view_usable"]
+    present = lf["cfa"] != CFA_NONE
+    on_sensor = present.any(VIEW_DIMS).sum(LENS_DIMS)
+    counts = present.sum(LENS_DIMS)
+    usable: xr.DataArray = ((counts > 0) & (2 * counts >= on_sensor)).rename("view_usable")
+    usable.attrs = LIGHTFIELD["view_usable"].attrs
+    return usable
+
+
+def only_usable(lf: xr.Dataset) -> xr.Dataset:
+    """Light field without the samples of the views that are not usable; lazy where `lf` is."""
+    usable = usable_views(lf).reset_coords(drop=True)
+    empty = {"mosaic": np.float32(np.nan), "cfa": np.uint8(CFA_NONE), "weight": np.float32(0)}
+    kept = {name: lf[name].where(usable, none).transpose(*lf[name].dims) for name, none in empty.items()}
+    return lf.assign(kept)
 
 
 def to_lftoolbox(lf: xr.Dataset) -> xr.Dataset:

@@ -12,7 +12,7 @@ from lfflow.conventions import CHANNELS, LENS_DIMS
 from lfflow.errors import LfflowError
 from lfflow.kernels.square_grid import DENSE_REACH, SPARSE_REACH, resample_square, square_shape
 from lfflow.schema import lattice_of
-from lfflow.stages.radiometry import apply_gamma, correct_colour, white_balance
+from lfflow.stages.picture import develop
 
 _TURNS = {1: "", 2: "s", 3: "ts", 4: "t", 5: "x", 6: "xs", 7: "xts", 8: "xt"}
 """EXIF orientation: x exchanges the axes, then t and s are reversed."""
@@ -85,15 +85,32 @@ def upright(views: xr.DataArray, orientation: int | None = None) -> xr.DataArray
     return views.assign_coords(orientation=1)
 
 
-def picture(lf: xr.Dataset | xr.DataArray, scale: int = 1) -> xr.DataArray:
-    """Views as a person sees them: square, upright, white balance, colour matrix and gamma where they are known."""
-    rgb = square(lf, scale) if isinstance(lf, xr.Dataset) else lf
-    rgb = upright(rgb)
-    for coordinate, step in (("white_balance", white_balance), ("color_matrix", correct_colour)):
-        if coordinate in rgb.coords and bool(np.isfinite(rgb[coordinate]).all()):
-            rgb = step(rgb)
-    gamma = rgb["gamma"] if "gamma" in rgb.coords and bool(np.isfinite(rgb["gamma"]).all()) else 1 / 2.2
-    return apply_gamma(rgb, gamma)
+def picture(lf: xr.Dataset | xr.DataArray, scale: int = 1, *, camera: xr.Dataset | None = None) -> xr.DataArray:
+    """Views as a person sees them: square, upright, white balance, colour matrix and gamma where they are known.
+
+    Parameters
+    ----------
+    lf
+        Light field, or colours (…, channel) on the square grid: a dataset with ``rgb``, or the array.
+    scale
+        As for `square`.
+    camera
+        Dataset that holds ``white_balance``, ``color_matrix`` and ``gamma``; `lf` by default. Needed for an array in
+        camera colours, which cannot carry a matrix along.
+
+    Raises
+    ------
+    LfflowError
+        Camera colours without the camera that they are of.
+    """
+    if isinstance(lf, xr.Dataset):
+        rgb, camera = lf["rgb"] if "rgb" in lf else square(lf, scale), lf if camera is None else camera
+    else:
+        rgb = lf
+    if camera is None and {"camera_model", "white_balance"} & set(rgb.coords):
+        raise LfflowError("an array in camera colours carries no colour matrix: give camera=…, the dataset it is of")
+    shown = upright(rgb)
+    return develop(shown, shown.to_dataset(name="rgb") if camera is None else camera, exposure=1.0)
 
 
 def _whole(array: xr.DataArray) -> xr.DataArray:
