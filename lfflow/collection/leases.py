@@ -144,13 +144,13 @@ def _try_lock(path: Path) -> int | None:
 
 def _lives_elsewhere(path: Path) -> bool:
     """Whether the lock file belongs to a process of another machine whose heart beats."""
-    holder = _read(path)
-    if holder is None or holder.machine == _machine():
+    content, holder = path.read_bytes(), _read(path)
+    if not content or (holder is not None and holder.machine == _machine()):
         return False
     limit = time.monotonic() + PATIENCE_SECONDS
     while time.monotonic() < limit:
         time.sleep(min(BEAT_SECONDS, PATIENCE_SECONDS) / 2)
-        if _read(path) != holder:
+        if path.read_bytes() != content:
             return True
     return False
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import threading
 import time
 from dataclasses import asdict
@@ -91,12 +92,15 @@ def test_the_lock_that_another_machine_left_is_taken_over_when_its_heart_stands_
 def test_the_lock_of_another_machine_is_respected_while_its_heart_beats(tmp_path, impatient):
     path, stop = tmp_path / "leases" / "run", threading.Event()
 
-    def beat():
-        number = 0
-        while not stop.wait(0.05):
-            left_elsewhere(path, number := number + 1)
+    left_elsewhere(path, 10000)
 
-    left_elsewhere(path)
+    def beat():
+        number = 10000
+        with path.open("r+b", buffering=0) as stream:
+            while not stop.wait(0.05):
+                number += 1
+                os.pwrite(stream.fileno(), path.read_bytes().replace(b"%d" % (number - 1), b"%d" % number), 0)
+
     heart = threading.Thread(target=beat)
     heart.start()
     try:
