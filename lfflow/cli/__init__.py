@@ -17,6 +17,7 @@ _COMMANDS = {
     "status": "Say what is done, what failed, and why.",
     "query": "List the captures of a collection for which an expression holds.",
     "validate": "Check a collection against its ledger, checksums and schema.",
+    "migrate": "Bring the stores of a collection to the present schema.",
     "quicklook": "Draw each capture's views, EPI, disparity and error map as a PNG.",
     "report": "Write a page that shows the whole collection.",
     "export": "Write views, disparities and pictures in formats of other programs.",

@@ -4,43 +4,31 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from lfflow.cli.options import Config, Json, Memory, Stages, Stored, Where, WorkersOption
+from lfflow.cli.table import duration, lines, size
+
 
 def plan(
-    collection: str,
+    collection: Stored,
     *,
-    config: Path | None = None,
-    workers: str | None = None,
-    stages: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    where: str = "",
-    force: bool = False,
-    memory: str | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    config: Config = None,
+    workers: WorkersOption = None,
+    stages: Stages = None,
+    where: Where = "",
+    force: Annotated[bool, Parameter(negative="")] = False,
+    memory: Memory = None,
+    json_: Json = False,
 ) -> int:
     """Say what a run would do, and what it would need; `lfflow scan` makes the catalogue that it looks at.
 
     Parameters
     ----------
-    collection
-        Folder or URL of the collection.
-    config
-        TOML file with a table of keyword arguments per stage.
-    workers
-        threads:N or processes:N.
-    stages
-        Stages to work on: calibration, lightfield, disparity.
-    where
-        Expression over the catalogue that selects captures.
     force
-        Redo what is done.
-    memory
-        Memory that the tasks together may use, such as 4GiB.
-    json_
-        Print one JSON document.
+        Plan to redo what is done.
     """
     from lfflow.run import make_plan
     from lfflow.run.estimate import estimate
@@ -52,9 +40,18 @@ def plan(
     needs = estimate(collection, jobs, options)
     steps = as_rows(jobs)
     if json_:
-        sys.stdout.write(json.dumps({"steps": steps, "needs": needs}, indent=1) + "\n")
+        text = json.dumps({"steps": steps, "needs": needs}, indent=1)
     else:
-        lines = [f"{step['capture']}\t{step['stage']}\t{step['action']}\t{step['why']}" for step in steps]
-        lines += [f"{name}: {value}" for name, value in needs.items()]
-        sys.stdout.write("\n".join(lines) + "\n")
+        rows = [[step[name] for name in ("capture", "stage", "action", "why")] for step in steps]
+        text = "\n".join([*lines(rows, header=["capture", "stage", "action", "why"]), "", *_needs(needs)])
+    sys.stdout.write(text + "\n")
     return 0
+
+
+def _needs(needs: dict[str, Any]) -> list[str]:
+    if not needs["steps"]:
+        return ["nothing to do"]
+    return [
+        f"{needs['steps']} steps, about {duration(needs['seconds'])}, {needs['tasks_in_flight']} at a time",
+        f"{size(needs['bytes_written'])} to be written, {size(needs['memory_per_task'])} of memory for each task",
+    ]

@@ -4,27 +4,38 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from lfflow.cli.options import (
+    AcceptDamaged,
+    Config,
+    Dark,
+    Inputs,
+    Json,
+    Memory,
+    Out,
+    Stages,
+    Where,
+    White,
+    WorkersOption,
+)
+from lfflow.cli.table import lines
 
 
 def run(
-    *inputs: str,
-    out: str,
-    config: Path | None = None,
-    workers: str | None = None,
-    stages: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    where: str = "",
-    white: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    dark: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    *inputs: Inputs,
+    out: Out,
+    config: Config = None,
+    workers: WorkersOption = None,
+    stages: Stages = None,
+    where: Where = "",
+    white: White = None,
+    dark: Dark = None,
     force: bool = False,
     retries: int = 2,
-    memory: str | None = None,
+    memory: Memory = None,
     pictures: bool = True,
-    accept_damaged: bool = False,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    accept_damaged: AcceptDamaged = False,
+    json_: Json = False,
 ) -> int:
     """Turn captures into a collection of light fields and disparity maps.
 
@@ -32,34 +43,12 @@ def run(
 
     Parameters
     ----------
-    inputs
-        Files, folders and globs; without any, the files that the collection knows already.
-    out
-        Folder or fsspec URL of the collection.
-    config
-        TOML file with a table of keyword arguments per stage.
-    workers
-        threads:N, processes:N, or the address of a dask scheduler (tcp://… or tls://…).
-    stages
-        Stages to work on: calibration, lightfield, disparity.
-    where
-        Expression over the catalogue that selects captures, such as "iso < 200".
-    white
-        Files that are white images, whatever their metadata say.
-    dark
-        Files that are dark images, whatever their metadata say.
     force
         Redo what is done.
     retries
         How often a capture whose process crashed is tried again.
-    memory
-        Memory that the tasks together may use, such as 4GiB; the default is what the machine has free.
     pictures
         Leave a quicklook of every capture in the collection.
-    accept_damaged
-        Take files whose checksums are wrong, and record that they are.
-    json_
-        Print one JSON document.
     """
     from lfflow.cli.progress import progress_bar
     from lfflow.run import run_collection
@@ -81,11 +70,11 @@ def run(
 
 def _text(out: str, counts: dict[str, int], failed: dict[str, str]) -> str:
     done, kept = counts.get("done", 0), counts.get("kept", 0)
-    lines = [f"{capture}: {reason}" for capture, reason in failed.items()]
+    text = lines(failed.items())
     if done:
-        lines.append(f"{done} results made, {kept} kept: {out}")
-    else:
-        lines.append(f"nothing to do: {kept} results are up to date in {out}")
+        text.append(f"{done} results made, {kept} kept: {out}")
+    elif kept or not failed:
+        text.append(f"nothing to do: {kept} results are up to date in {out}")
     if failed:
-        lines.append(f"{len(failed)} captures failed")
-    return "\n".join(lines) + "\n"
+        text.append(f"{len(failed)} captures failed")
+    return "\n".join(text) + "\n"

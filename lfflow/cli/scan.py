@@ -4,46 +4,37 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from lfflow.cli.options import AcceptDamaged, Config, Dark, Inputs, Json, Out, White
 
 
 def scan(
-    *inputs: str,
-    out: str,
-    config: Path | None = None,
-    white: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    dark: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    *inputs: Inputs,
+    out: Out,
+    config: Config = None,
+    white: White = None,
+    dark: Dark = None,
+    accept_damaged: AcceptDamaged = False,
+    json_: Json = False,
 ) -> int:
-    """Read captures into the catalogue of a collection, and nothing more. Exit code 2 when some cannot be read.
-
-    Parameters
-    ----------
-    inputs
-        Files, folders and globs; without any, the files that the collection knows already.
-    out
-        Folder or fsspec URL of the collection.
-    config
-        TOML file; its table [whites] governs the choice of white images.
-    white
-        Files that are white images, whatever their metadata say.
-    dark
-        Files that are dark images, whatever their metadata say.
-    json_
-        Print one JSON document.
-    """
+    """Read captures into the catalogue of a collection, and nothing more. Exit code 2 when some cannot be read."""
+    from lfflow.cli.table import lines
     from lfflow.run import scan_collection
     from lfflow.run.request import options_from
 
-    table = scan_collection(out, options_from(inputs, config=config, white=white, dark=dark))
+    options = options_from(inputs, config=config, white=white, dark=dark, accept_damaged=accept_damaged)
+    table = scan_collection(out, options)
     broken = table[table["reason"] != ""]
     failed = {str(row["id"]): str(row["reason"]) for _, row in broken.iterrows()}
+    kinds = {str(kind) or "unreadable": int(number) for kind, number in table["kind"].value_counts().items()}
+    duplicates, missing = int((table["duplicate_of"] != "").sum()), int(table["missing"].sum())
     if json_:
-        sys.stdout.write(json.dumps({"files": len(table), "failed": failed}, indent=1) + "\n")
-    else:
-        lines = [f"{name}: {reason}" for name, reason in failed.items()]
-        sys.stdout.write("\n".join([*lines, f"{len(table)} files, {len(failed)} cannot be read"]) + "\n")
+        document = {"files": len(table), "kinds": kinds, "duplicates": duplicates, "missing": missing, "failed": failed}
+        sys.stdout.write(json.dumps(document, indent=1) + "\n")
+        return 2 if failed else 0
+    counts = ", ".join(f"{number} {kind}" for kind, number in kinds.items()) or "nothing"
+    text = [*lines(failed.items()), f"{len(table)} files, {len(failed)} cannot be read: {counts}"]
+    text += [f"{duplicates} are copies of others"] if duplicates else []
+    text += [f"{missing} have results, but are gone or out of reach"] if missing else []
+    sys.stdout.write("\n".join(text) + "\n")
     return 2 if failed else 0

@@ -8,48 +8,59 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from lfflow.cli.options import Json, Stored
+from lfflow.cli.table import lines
+
+_STATES = ("done", "pending", "failed", "unreadable", "duplicate")
+
 
 def status(
-    collection: str,
+    collection: Stored,
     *,
-    failed: bool = False,
+    failed: Annotated[bool, Parameter(negative="")] = False,
     why: str = "",
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Say what is done, what failed, and why.
 
     Parameters
     ----------
-    collection
-        Folder or URL of the collection.
     failed
         List the captures that failed and the reasons, and nothing else.
     why
-        Explain one capture: its stages, the white image chosen for it, and the others that were near.
-    json_
-        Print one JSON document.
+        Explain one capture: its file, its kind, its stages, the white image chosen for it, and the others that were
+        near.
     """
     from lfflow.collection import open_collection
 
     opened = open_collection(collection)
     if why:
         document: dict[str, Any] = opened.explain(why)
-        lines = [f"{name}: {value}" for name, value in document.items() if not isinstance(value, list | dict)]
-        lines += [f"white image: {text}" for text in document["candidates"]]
-        lines += [f"{name}: {state}" for name, state in document["stages"].items()]
+        text = _explained(document)
     else:
         document = opened.status()
-        lines = [f"{capture}: {reason}" for capture, reason in document["failed"].items()]
+        text = lines(document["failed"].items())
         if failed:
             document = {"failed": document["failed"]}
         else:
-            counts = ", ".join(f"{number} {kind}" for kind, number in document["kinds"].items())
-            lines.insert(0, f"{document['files']} files: {counts}")
-            lines[1:1] = [f"{stage}: {_counts(states)}" for stage, states in document["stages"].items()]
-    text = json.dumps(document, indent=1) if json_ else "\n".join(lines)
-    sys.stdout.write(text + "\n" if text else "")
+            text = [*_counted(document), *(["", "failed"] if text else []), *(f"  {line}" for line in text)]
+    output = [json.dumps(document, indent=1)] if json_ else text
+    sys.stdout.write("".join(f"{line}\n" for line in output))
     return 0
 
 
-def _counts(states: dict[str, int]) -> str:
-    return ", ".join(f"{number} {state}" for state, number in states.items()) or "nothing"
+def _counted(document: dict[str, Any]) -> list[str]:
+    counts = ", ".join(f"{number} {kind}" for kind, number in document["kinds"].items())
+    first = f"{document['collection']}: {document['files']} files" + (f" ({counts})" if counts else "")
+    states = [state for state in _STATES if any(state in found for found in document["stages"].values())]
+    rows = [[stage, *(found.get(state, "") for state in states)] for stage, found in document["stages"].items()]
+    return [first, "", *lines(rows, header=["stage", *states])] if states else [first]
+
+
+def _explained(document: dict[str, Any]) -> list[str]:
+    facts = {name: value for name, value in document.items() if not isinstance(value, list | dict) and value != ""}
+    text = lines((name.replace("_", " "), value) for name, value in facts.items())
+    text += ["", *lines(document["stages"].items(), header=["stage", "state"])] if document["stages"] else []
+    if document["candidates"]:
+        text += ["", "white images of this camera, nearest first", *(f"  {each}" for each in document["candidates"])]
+    return text

@@ -5,28 +5,19 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import asdict
-from typing import Annotated
 
-from cyclopts import Parameter
+from lfflow.cli.options import Json, Stored
 
 
-def validate(
-    collection: str,
-    *,
-    mark: bool = True,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
-) -> int:
+def validate(collection: Stored, *, mark: bool = True, json_: Json = False) -> int:
     """Check a collection against its ledger, checksums and schema. Exit code 3 when something is damaged.
 
     Parameters
     ----------
-    collection
-        Folder or URL of the collection.
     mark
         Call what is damaged no longer finished, so that the next run makes it anew.
-    json_
-        Print one JSON document.
     """
+    from lfflow.cli.table import lines
     from lfflow.collection import open_collection
     from lfflow.collection.validate import validate as check
 
@@ -34,6 +25,8 @@ def validate(
     if json_:
         sys.stdout.write(json.dumps({"damaged": [asdict(finding) for finding in found]}, indent=1) + "\n")
     else:
-        lines = [f"{finding.what} {finding.capture}: {finding.reason}" for finding in found]
-        sys.stdout.write("\n".join([*lines, f"{len(found)} findings"]) + "\n")
+        text = lines((finding.what, finding.capture or "-", finding.reason) for finding in found)
+        repair = "; the next run makes it anew" if mark else ""
+        text.append(f"{len(found)} findings{repair}" if found else "everything is whole")
+        sys.stdout.write("\n".join(text) + "\n")
     return 3 if found else 0

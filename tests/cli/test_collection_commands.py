@@ -48,14 +48,14 @@ def test_status_counts_and_lists_failures(scanned, capsys):
     assert told["stages"]["calibration"] == {"pending": 1, "unreadable": 1}
     assert list(told["failed"]) == ["BROKEN"]
     assert status(scanned, failed=True) == 0
-    assert capsys.readouterr().out.startswith("BROKEN: found nothing")
+    assert capsys.readouterr().out.startswith("BROKEN  found nothing")
 
 
 def test_status_explains_the_choice_of_the_white_image(scanned, capsys):
     status(scanned, why="BB")
     text = capsys.readouterr().out
-    assert "white: WHITE" in text
-    assert "white image: WHITE: zoom 0 and focus 0 steps away" in text
+    assert "white         WHITE\n" in text
+    assert "  WHITE: zoom 0 and focus 0 steps away" in text
 
 
 def test_query_takes_pandas_and_sql(scanned, capsys):
@@ -84,7 +84,7 @@ def test_the_plan_lists_steps_and_needs(scanned, capsys):
 
 def test_validate_finds_nothing_in_a_whole_collection(scanned, capsys):
     assert validate(scanned) == 0
-    assert capsys.readouterr().out == "0 findings\n"
+    assert capsys.readouterr().out == "everything is whole\n"
 
 
 @pytest.mark.parametrize(
