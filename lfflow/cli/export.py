@@ -23,6 +23,7 @@ def export(
     bits: Literal[8, 16] = 8,
     planes: int = 9,
     linear: bool = False,
+    focus_distance: float | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Write views, disparities and pictures in formats of other programs.
@@ -50,6 +51,8 @@ def export(
         Planes of a focal stack, spread over the disparities of the capture.
     linear
         Linear camera colours in views, eslf and toolbox, instead of colours for people.
+    focus_distance
+        Metres at which the camera was focused: ply gets metres. Metadata hold motor steps only.
     json_
         Print one JSON document.
     """
@@ -61,12 +64,12 @@ def export(
     wanted = set(col.query(where))
     lf, disp = col.open("lightfield", camera=camera), col.open("disparity", camera=camera)
     done = [str(name) for name in disp["capture"].values if str(name) in wanted and name in lf["capture"].values]
-    options = Options(scale=scale, bits=bits, planes=planes, developed=not linear)
+    options = Options(scale, bits, planes, not linear, focus_distance)
     written: dict[str, str] = {}
     failed: dict[str, str] = {}
     for name in done:
         try:
-            one = lf.sel(capture=name, drop=True), disp.sel(capture=name, drop=True)
+            one = lf.sel(capture=name), disp.sel(capture=name)
             written[name] = str(export_capture(*one, format_, out, name, options))
         except (LfflowError, OSError, ValueError) as error:
             failed[name] = str(error)

@@ -61,7 +61,7 @@ def prepare(fields: Sequence[Array], axes: Sequence[Array], lattice: Lattice) ->
 
     `axes` are the coordinates v, u, t, s. Views much dimmer than the brightest take no part in others.
     """
-    mosaic, cfa, weight, disparity, std = (np.ascontiguousarray(field) for field in fields)
+    mosaic, cfa, weight, disparity = (np.ascontiguousarray(field) for field in fields[:4])
     v, u, t, s = axes
     x, y = lattice.centres(np.asarray(t)[:, np.newaxis], s)
     at_v, at_u = np.meshgrid(v, u, indexing="ij")
@@ -77,7 +77,7 @@ def prepare(fields: Sequence[Array], axes: Sequence[Array], lattice: Lattice) ->
         np.flatnonzero(light > _DIM * light.max()),
         np.array([lattice.row_pitch, lattice.row_offset(1), int(t[0]) % 2], dtype=np.float32),
     )
-    return Capture(samples, np.asarray(v), np.asarray(u), disparity, std)
+    return Capture(samples, np.asarray(v), np.asarray(u), disparity, fields[4])
 
 
 def doubt_of(disparity: Array, std: Array) -> Array:

@@ -18,6 +18,7 @@ from lfflow.formats.ply import write_ply
 from lfflow.formats.png import write_png
 from lfflow.formats.toolbox import write_toolbox
 from lfflow.formats.views import write_views
+from lfflow.stages.depth import depth
 from lfflow.stages.grid import grid_of
 from lfflow.stages.picture import develop, to_integers
 from lfflow.stages.reconstruct import reconstruct_views
@@ -38,12 +39,15 @@ class Options:
         Planes of a focal stack.
     developed
         Colours for people instead of linear camera radiance in views, ESLF and toolbox files.
+    focus_distance
+        Distance that has disparity 0, metres: points get metres. No camera writes it into its metadata.
     """
 
     scale: float = 1.0
     bits: int = 8
     planes: int = 9
     developed: bool = True
+    focus_distance: float | None = None
 
 
 def export_capture(
@@ -146,13 +150,21 @@ def _gif(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path
 
 
 def _ply(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path:
-    """Points at (X, Y) in lens pitches, and nearness: −disparity in the same unit times the aperture's diameter."""
+    """Points of the central view: x right, y down, z away from the camera."""
     views = _views(lf, disp, options, _middle(lf)).isel(v=0, u=0)
-    x, y = grid_of(views).places(views["t"], views["s"])
-    nearness = views["disparity"].transpose("t", "s").values * len(lf["u"])
-    points = np.stack([x, -y, nearness], axis=-1).reshape(-1, 3)
+    x, y = (places - places.mean() for places in grid_of(views).places(views["t"], views["s"]))
+    if options.focus_distance is None:
+        z = -views["disparity"].transpose("t", "s").values * len(lf["u"])
+        unit = "lens pitches; z is -disparity times the number of views: no distance in focus was told"
+    else:
+        metres = depth(views, focus_distance=options.focus_distance)["depth"].transpose("t", "s").values
+        behind = 1 / (1 / float(views["focal_length"]) - 1 / options.focus_distance)
+        pitch = float(lf["dh"]) * float(views["pixel_pitch"])
+        x, y, z = x * pitch / behind * metres, y * pitch / behind * metres, metres
+        unit = f"metres from the main lens, which was told to be focused at {options.focus_distance!r} m"
     file = path.with_name(f"{path.name}.ply")
-    write_ply(file, points, to_integers(develop(views["rgb"], views), 8).reshape(-1, 3))
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    write_ply(file, points, to_integers(develop(views["rgb"], views), 8).reshape(-1, 3), comment=f"unit: {unit}")
     return file
 
 

@@ -1,33 +1,35 @@
-"""One picture per capture: views, an epipolar image, disparity and error map."""
+"""One picture per capture: views, focus near and far, an epipolar image, disparity and error map."""
 
 from __future__ import annotations
 
 import os
-from typing import Any
+from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from lfflow.kernels.gather import Rule
 from lfflow.schema import lattice_of
-from lfflow.viz.display import (
-    LENS_PIXELS,
-    FloatImage,
-    graded_radiance,
-    one_capture,
-    outer_view,
-    shown_box,
-    to_square,
-    to_srgb,
-    view_colours,
-)
+from lfflow.stages.epi import epi
+from lfflow.stages.picture import develop, to_integers
+from lfflow.stages.reconstruct import reconstruct_views
+from lfflow.viz.canvas import INK, SOFT, Canvas, FloatImage, coloured, palette
+from lfflow.viz.display import one_capture, outer_view, shown_box, to_square
 
-_INK, _PAPER, _EMPTY = "#22262b", "#ffffff", "#c9ccd1"
-_EPI_HEIGHT = 12
+_WIDTH, _MARGIN, _SIDE, _HEAD, _CAPTION = 1560, 24, 488, 62, 24
+_EPI_ROW, _EPI_LINES = 12, 16
+_MAPS = ("disparity", "disparity_std")
+_ANY_SURFACE = Rule(tolerance=1e3, lift=0.6, stiffness=0.5)
+"""Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
 
 
 def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Draw a capture as a PNG: left, centre and right view, an epipolar image, disparity and its error.
+    """Draw a capture as a PNG.
+
+    Left, centre and right view; focused near, everywhere and far; an epipolar image with the lines of the disparity;
+    the disparity and its error.
 
     Parameters
     ----------
@@ -38,46 +40,90 @@ def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os
     path
         The PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    figure = quicklook_figure(one_capture(lightfield), one_capture(disparity))
-    FigureCanvasAgg(figure).print_png(os.fspath(path), pil_kwargs={"compress_level": 3})  # type: ignore[no-untyped-call]
+    Path(path).write_bytes(quicklook(one_capture(lightfield), one_capture(disparity)).png())
 
 
-def quicklook_figure(lightfield: xr.Dataset, disparity: xr.Dataset) -> Any:
-    """Matplotlib figure of `draw_quicklook`; no global state is touched."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(15, 11.6), dpi=100, facecolor=_PAPER)
-    grid = figure.add_gridspec(
-        3, 3, height_ratios=(1, 0.26, 1), left=0.02, right=0.98, top=0.93, bottom=0.03, hspace=0.13, wspace=0.09
-    )
-    side = outer_view(lightfield)
-    colours = {u: view_colours(lightfield, 0, u) for u in (-side, 0, side)}
-    white = _white(colours[0], lightfield)
+def quicklook(lightfield: xr.Dataset, disparity: xr.Dataset) -> Canvas:
+    """The sheet of `draw_quicklook`."""
+    disparity = _every_view(lightfield, disparity)
     row = telling_row(disparity)
-    squares = {u: to_square(colours[u], lightfield) for u in colours}
-    box = shown_box(squares[0])
-    for place, (u, label) in enumerate(zip((-side, 0, side), ("left", "centre", "right"), strict=True)):
-        axes = figure.add_subplot(grid[0, place])
-        axes.imshow(to_srgb(squares[u], lightfield, white=white))
-        _crop(axes, box)
-        _title(axes, f"{label} view (v = 0, u = {u})")
-        if u == 0:
-            place_y = (row + 0.5) * lattice_of(lightfield).row_pitch * LENS_PIXELS
-            axes.axhline(place_y, color="#ffffff", linewidth=0.7, linestyle=(0, (6, 6)))
-    _draw_epi(figure.add_subplot(grid[1, :]), lightfield, row, white)
-    _draw_maps(figure, grid, lightfield, disparity, box)
-    _write_text(figure.add_subplot(grid[2, 2]), lightfield, disparity)
+    pictures = _pictures(lightfield, disparity)
+    squares = {name: to_square(picture, lightfield) for name, picture in pictures.items()}
+    box = shown_box(squares["centre view, everything in focus"])
+    height = round(_SIDE * (box[1] - box[0]) / max(box[3] - box[2], 1))
+    strip = _epi(lightfield, disparity, row)
+    epi_height = _EPI_ROW * strip.sizes["u"]
+    sheet = Canvas(_WIDTH, _HEAD + 3 * (height + _CAPTION + 14) + epi_height + _CAPTION + 20)
     name = lightfield["capture"].item() if "capture" in lightfield.coords else "capture"
-    figure.suptitle(str(name), x=0.022, y=0.975, ha="left", fontsize=20, color=_INK, fontweight="bold")
-    return figure
+    sheet.text(_MARGIN, 16, str(name), size=28)
+    y = _HEAD
+    for start in (0, 3):
+        for place, (label, picture) in enumerate(list(squares.items())[start : start + 3]):
+            x = _MARGIN + place * (_SIDE + _MARGIN)
+            sheet.text(x, y, label)
+            shown = picture[box[0] : box[1], box[2] : box[3]]
+            sheet.picture(x, y + _CAPTION, _SIDE, height, np.rint(np.nan_to_num(shown) * 255).astype(np.uint8))
+        y += height + _CAPTION + 14
+    _draw_epi(sheet, y, strip, lightfield, row)
+    y += epi_height + _CAPTION + 14
+    _draw_maps(sheet, y, height, lightfield, disparity, box)
+    _write_text(sheet, _MARGIN + 2 * (_SIDE + _MARGIN) + 30, y + _CAPTION, lightfield, disparity)
+    return sheet
 
 
-def _white(colours: FloatImage, lightfield: xr.Dataset) -> float:
-    """Level that is shown as white: the brightest but for half a percent."""
-    graded = graded_radiance(colours, lightfield)
-    return float(np.nanpercentile(graded, 99.5)) if np.isfinite(graded).any() else 1.0
+def _every_view(lightfield: xr.Dataset, disparity: xr.Dataset) -> xr.Dataset:
+    """Disparity of every view; that of the centre for all where it alone is known."""
+    if "v" in disparity["disparity"].dims:
+        return disparity
+    lone = disparity.drop_vars(["v", "u"], errors="ignore")
+    return lone.expand_dims(v=lightfield["v"].values, u=lightfield["u"].values)
+
+
+def _pictures(lightfield: xr.Dataset, disparity: xr.Dataset) -> dict[str, FloatImage]:
+    """Screen values (t, s, channel) of six pictures, all under one exposure."""
+    side = outer_view(lightfield)
+    far, near = robust_limits(central(disparity, "disparity"), 10, 90)
+    views = [("left view", -side), ("centre view, everything in focus", 0), ("right view", side)]
+    found = {f"{label} (v = 0, u = {u})" if u else label: _view(lightfield, disparity, u) for label, u in views}
+    for label, d in (("focused near", near), ("focused on the middle", (near + far) / 2), ("focused far", far)):
+        found[f"{label} (disparity {d:+.2f})"] = _view(lightfield, _plane(disparity, d), 0, _ANY_SURFACE)
+    shown = develop(xr.concat(list(found.values()), "picture"), lightfield)
+    return dict(zip(found, shown.transpose("picture", "t", "s", "channel").values, strict=True))
+
+
+def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
+    """Disparity `d` at every place of the central view; what the other views' is does not matter to `_ANY_SURFACE`."""
+    flat = {name: disparity[name].copy(data=np.zeros(disparity[name].shape, np.float32)) for name in _MAPS}
+    flat["disparity"].loc[{"v": 0, "u": 0}] = d
+    return disparity.assign(flat)
+
+
+def _view(lightfield: xr.Dataset, disparity: xr.Dataset, u: int, rule: Rule | None = None) -> xr.DataArray:
+    views = reconstruct_views(lightfield, disparity, views={"v": [0], "u": [u]}, rule=rule)
+    return views["rgb"].isel(v=0, u=0, drop=True).reset_coords(drop=True)
+
+
+def _epi(lightfield: xr.Dataset, disparity: xr.Dataset, row: int) -> xr.Dataset:
+    """Epipolar image of a lens row of the views v = 0 and the lines of its disparity."""
+    side = outer_view(lightfield)
+    wanted = {"v": [0], "u": list(range(-side, side + 1))}
+    reach = {"t": slice(max(row - 8, 0), row + 9)}
+    strip = reconstruct_views(lightfield.isel(reach), disparity.isel(reach), views=wanted, shared=False)
+    return epi(strip, t=int(lightfield["t"][row]), every=_EPI_LINES)
+
+
+def _draw_epi(sheet: Canvas, y: int, strip: xr.Dataset, lightfield: xr.Dataset, row: int) -> None:
+    u = strip["u"].values
+    sheet.text(_MARGIN, y, f"epipolar image of lens row t = {row}, u = {u[0]} ... {u[-1]} downwards, "
+               "and the lines that the estimated disparity draws in it")  # fmt: skip
+    shown = to_integers(develop(strip["epi"].drop_vars(["t", "v"]).rename(u="t"), lightfield))
+    width = _WIDTH - 2 * _MARGIN
+    wide = cv2.resize(shown, (width, shown.shape[0]), interpolation=cv2.INTER_LINEAR)
+    sheet.picture(_MARGIN, y + _CAPTION, width, _EPI_ROW * len(u), np.repeat(wide, _EPI_ROW, axis=0))
+    x = (strip["line"].transpose("line", "u").values - float(strip["s"][0]) + 0.5) * width / strip.sizes["s"]
+    places = (np.arange(len(u)) + 0.5) * _EPI_ROW
+    inside = np.isfinite(x).all(axis=1) & (x >= 0).all(axis=1) & (x < width).all(axis=1)
+    sheet.lines(_MARGIN, y + _CAPTION, [np.stack([line, places], axis=1) for line in x[inside]], (230, 60, 40))
 
 
 def central(disparity: xr.Dataset, name: str) -> FloatImage:
@@ -112,68 +158,29 @@ def telling_row(disparity: xr.Dataset) -> int:
     return int(np.argmax(spread)) if spread.any() else rows // 2
 
 
-def _draw_epi(axes: Any, lightfield: xr.Dataset, row: int, white: float) -> None:
-    """Lens row `row` of the views v = 0, one above the other, u growing downwards."""
-    strip = lightfield.isel(t=slice(row, row + 1))
-    shown = [int(u) for u in lightfield["u"].values if abs(int(u)) <= outer_view(lightfield)]
-    lines = np.concatenate([view_colours(strip, 0, u) for u in shown])
-    lines = np.stack([_filled(line) for line in lines])
-    picture = np.repeat(to_srgb(lines, lightfield, white=white), _EPI_HEIGHT, axis=0)
-    axes.imshow(picture, aspect="auto", interpolation="nearest")
-    _title(axes, f"epipolar image of lens row t = {row}, u = {shown[0]} … {shown[-1]} downwards")
-
-
-def _filled(line: FloatImage) -> FloatImage:
-    """Values (s, channel) with gaps filled along s, for looking at."""
-    filled = line.copy()
-    for channel in range(line.shape[1]):
-        known = np.flatnonzero(np.isfinite(line[:, channel]))
-        if known.size:
-            filled[:, channel] = np.interp(np.arange(line.shape[0]), known, line[known, channel])
-    return filled
-
-
-def _crop(axes: Any, box: tuple[int, int, int, int]) -> None:
-    y0, y1, x0, x1 = box
-    axes.set_xlim(x0 - 0.5, x1 - 0.5)
-    axes.set_ylim(y1 - 0.5, y0 - 0.5)
-
-
 def _draw_maps(
-    figure: Any, grid: Any, lightfield: xr.Dataset, disparity: xr.Dataset, box: tuple[int, int, int, int]
+    sheet: Canvas, y: int, height: int, lightfield: xr.Dataset, disparity: xr.Dataset, box: tuple[int, int, int, int]
 ) -> None:
     values, error = central(disparity, "disparity"), central(disparity, "disparity_std")
     maps = (
-        (values, robust_limits(values, 1, 99), "turbo", "disparity, lens pitches per view step"),
-        (error, (0.0, max(robust_limits(error, 0, 95)[1], 0.02)), "magma", "standard deviation of the disparity"),
-    )
+        (values, robust_limits(values, 1, 99), palette(cv2.COLORMAP_TURBO), "disparity, lens pitches per view step"),
+        (error, (0.0, max(robust_limits(error, 0, 95)[1], 0.02)), palette(cv2.COLORMAP_MAGMA),
+         "standard deviation of the disparity"),
+    )  # fmt: skip
     for place, (field, (low, high), colours, label) in enumerate(maps):
-        axes = figure.add_subplot(grid[2, place])
-        axes.set_facecolor(_EMPTY)
-        square = to_square(field.astype(np.float32), lightfield)
-        drawn = axes.imshow(np.ma.masked_invalid(square), cmap=colours, vmin=low, vmax=high, interpolation="nearest")
-        _title(axes, label)
-        _crop(axes, box)
-        bar = figure.colorbar(drawn, ax=axes, fraction=0.04, pad=0.015, extend="both")
-        bar.ax.tick_params(labelsize=9, colors=_INK)
-        bar.outline.set_visible(False)
+        x, width = _MARGIN + place * (_SIDE + _MARGIN), _SIDE - 62
+        sheet.text(x, y, label)
+        square = to_square(field.astype(np.float32), lightfield)[box[0] : box[1], box[2] : box[3]]
+        high_map = round(height * width / _SIDE)
+        sheet.picture(x, y + _CAPTION, width, high_map, coloured(square, low, high, colours))
+        sheet.bar(x + width + 6, y + _CAPTION, high_map, colours, low, high)
 
 
-def _title(axes: Any, text: str) -> None:
-    axes.set_title(text, fontsize=11, color=_INK, loc="left", pad=5)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
-def _write_text(axes: Any, lightfield: xr.Dataset, disparity: xr.Dataset) -> None:
-    axes.axis("off")
+def _write_text(sheet: Canvas, x: int, y: int, lightfield: xr.Dataset, disparity: xr.Dataset) -> None:
     lines = [*_camera_lines(lightfield), ("", ""), *_lattice_lines(lightfield), ("", ""), *_map_lines(disparity)]
     for number, (name, value) in enumerate(lines):
-        y = 0.97 - number * 0.052
-        axes.text(0.06, y, name, fontsize=11, color="#6a7078", va="top", transform=axes.transAxes)
-        axes.text(0.46, y, value, fontsize=11, color=_INK, va="top", transform=axes.transAxes)
+        sheet.text(x, y + 25 * number, name, colour=SOFT)
+        sheet.text(x + 190, y + 25 * number, value, colour=INK)
 
 
 def _camera_lines(lightfield: xr.Dataset) -> list[tuple[str, str]]:
@@ -191,7 +198,7 @@ def _camera_lines(lightfield: xr.Dataset) -> list[tuple[str, str]]:
         value = lightfield[name].item() if name in lightfield.coords else None
         if name == "time" and value is not None:
             value = np.datetime_as_string(lightfield[name].values.astype("datetime64[s]"))
-        text = form.format(value) if value not in (None, "") else "–"
+        text = form.format(value) if value not in (None, "") else "-"
         if name == "zoom_step" and "focus_step" in lightfield.coords:
             text += f", {float(lightfield['focus_step']):.0f}"
         lines.append((label, text))
@@ -203,8 +210,8 @@ def _lattice_lines(lightfield: xr.Dataset) -> list[tuple[str, str]]:
     return [
         ("lens pitch dh", f"{lattice.dh:.5f} px"),
         ("lens pitch dv", f"{lattice.dv:.5f} px"),
-        ("rotation θ", f"{lattice.theta * 1e3:.5f} mrad"),
-        ("lenses, views", " × ".join(f"{lightfield.sizes[dim]}" for dim in "stuv")),
+        ("rotation", f"{lattice.theta * 1e3:.5f} mrad"),
+        ("lenses, views", " x ".join(f"{lightfield.sizes[dim]}" for dim in "stuv")),
     ]
 
 
@@ -214,7 +221,7 @@ def _map_lines(disparity: xr.Dataset) -> list[tuple[str, str]]:
     low, high = robust_limits(values, 1, 99)
     median = float(np.median(error[np.isfinite(error)])) if np.isfinite(error).any() else float("nan")
     return [
-        ("disparity, 1–99 %", f"{low:+.3f} … {high:+.3f}"),
+        ("disparity, 1-99 %", f"{low:+.3f} ... {high:+.3f}"),
         ("lenses with disparity", f"{100 * known.mean():.1f} %"),
         ("median std", f"{median:.4f}"),
     ]

@@ -55,6 +55,21 @@ def test_pictures_for_people(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: P
     assert len(cloud) == cloud.index(b"end_header\n") + len(b"end_header\n") + 400 * 15
 
 
+def test_points_are_in_metres_where_the_focus_is_told(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
+    lf, disp = capture
+    optics = {"focal_length": 0.00684, "pixel_pitch": 1.4e-6, "lens_pitch": 14e-6, "mla_offset_z": 25e-6}
+    options = Options(focus_distance=0.8)
+    file = export_capture(lf.assign_coords(optics), disp, "ply", tmp_path, "M", options).read_bytes()
+    header, _, body = file.partition(b"end_header\n")
+    assert b"metres" in header
+    record = np.dtype([("place", "<f4", 3), ("tint", "u1", 3)])
+    z = np.frombuffer(body, record)["place"][:, 2]
+    behind = 1 / (1 / 0.00684 - 1 / 0.8)
+    power = 1.4e-6 * behind**2 / (25e-6 * 14e-6)
+    expected = [1 / (1 / 0.8 + d / power) for d in (0.25, -0.1)]
+    np.testing.assert_allclose(np.unique(z.round(4)), expected, atol=2e-4)
+
+
 def test_an_unknown_format_is_refused(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
     with pytest.raises(LfflowError, match="there are views"):
         export_capture(*capture, "bmp", tmp_path, "A")
