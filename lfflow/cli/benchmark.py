@@ -37,6 +37,7 @@ def benchmark(
     json
         Print one JSON document.
     """
+    import os
     import time
     from json import dumps
 
@@ -55,7 +56,7 @@ def benchmark(
             f"{gt or folder}: ground truth of shape {truth.shape}, expected that of the views {expected}"
         )
     start = time.process_time()
-    found = disparity_of_views(views, disparity_range=range)
+    found = disparity_of_views(views, disparity_range=range, threads=os.cpu_count() or 1)
     seconds = time.process_time() - start
     result = {**scores(found["disparity"], xr.DataArray(truth, dims=("t", "s"))), "seconds": seconds}
     sys.stdout.write(

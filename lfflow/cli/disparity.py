@@ -29,6 +29,7 @@ def disparity(
     json
         Print one JSON document.
     """
+    import os
     import time
     from json import dumps
 
@@ -40,7 +41,7 @@ def disparity(
 
     views = open_views(folder).load()
     start = time.process_time()
-    found = disparity_of_views(views, disparity_range=range)
+    found = disparity_of_views(views, disparity_range=range, threads=os.cpu_count() or 1)
     seconds = time.process_time() - start
     values = found["disparity"].transpose("t", "s").to_numpy()
     write_pfm(out, values)

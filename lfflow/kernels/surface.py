@@ -1,7 +1,7 @@
-"""Variational refinement: a surface with little curvature through the local parabolas of a cost volume.
+"""Variational surface: little curvature, through what is known of each place and as well as it is known.
 
-Minimises Σ w (d − d*)² + Σ g (second difference of d along each lattice axis)², where (d*, w) is the parabola of the
-volume at the present d and g falls with the guide's edges and with the present second difference (so that jumps stay).
+Minimises Σ w (d − d*)² + Σ g (second difference of d along each lattice axis)², where d* is a place's own disparity
+with information w, and g falls with the guide's edges and with the present second difference (so that jumps stay).
 Where nothing is known (w ≈ 0) the surface continues its surroundings.
 """
 
@@ -14,78 +14,48 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float32]
 
 _FLAGS = {"nsz", "contract"}
-# axis, row parity, (t, s) of the neighbour before and of the one after
-_SQUARE = np.array([[[0, -1, 0, 1]] * 2, [[-1, 0, 1, 0]] * 2, [[-1, -1, 1, 1]] * 2, [[-1, 1, 1, -1]] * 2])
-_BRICK = np.array([[[0, -1, 0, 1]] * 2, [[-1, -1, 1, 0], [-1, 0, 1, 1]], [[-1, 0, 1, -1], [-1, 1, 1, 0]]])
+# (t, s) of the neighbour before and of the one after, along each axis
+_AXES = np.array([[0, -1, 0, 1], [-1, 0, 1, 0], [-1, -1, 1, 1], [-1, 1, 1, -1]])
+_ANCHOR = np.float32(1e-3)
+"""Information with which the start is held: what nothing else decides stays there."""
 
 
-def smooth_surface(
-    volume: FloatArray,
-    hypotheses: FloatArray,
+def fit_surface(
+    target: FloatArray,
+    information: FloatArray,
     start: FloatArray,
-    noise: float,
-    views: int,
     guide: FloatArray,
     *,
-    stiffness: float = 2e4,
+    stiffness: float,
     jump: float = 0.08,
     edge: float = 0.05,
-    rounds: int = 4,
-    iterations: int = 40,
-    anchor: float = 1.0,
-    brick: bool = False,
-) -> tuple[FloatArray, FloatArray]:
-    """Disparity (t, s) and the information (1/variance) of its data.
+    rounds: int = 2,
+    iterations: int = 60,
+) -> FloatArray:
+    """Disparity (t, s) of the surface.
 
     Parameters
     ----------
-    volume
-        (t, hypothesis, s) variance of the colours of `views` views; NaN where undefined.
-    hypotheses
-        (hypothesis,) equally spaced disparities.
+    target, information
+        (t, s) disparity of each place by itself, and its 1/variance.
     start
         (t, s) first disparity.
-    noise
-        Variance that remains at the true disparity.
     guide
         (t, s, channel) picture whose edges (in units of `edge`) loosen the surface.
     stiffness
         1/variance of the second difference on a surface.
     jump
         Second difference at which the surface may break.
-    anchor
-        Information with which the first disparity is held.
+    rounds, iterations
+        How often the bonds follow the surface, and steps of conjugate gradients each time.
     """
-    axes = _BRICK if brick else _SQUARE
-    first = np.asarray(start, dtype=np.float32)
-    d = first.copy()
+    d = np.array(start, dtype=np.float32)
     picture = np.ascontiguousarray(guide, dtype=np.float32)
-    target, weight = np.empty_like(d), np.empty_like(d)
-    step = np.float32((hypotheses[-1] - hypotheses[0]) / max(len(hypotheses) - 1, 1))
+    held = np.asarray(information, dtype=np.float32) + _ANCHOR
     for _ in range(rounds):
-        _parabola(volume, np.float32(hypotheses[0]), step, d, np.float32(noise), np.float32(views / 2), target, weight)
-        bond = _bonds(d, picture, axes, np.float32(stiffness), np.float32(jump), np.float32(edge))
-        pull = weight * target + np.float32(anchor) * first
-        _solve(d, weight + np.float32(anchor), pull, bond, axes, iterations)
-        np.clip(d, first - 4 * step, first + 4 * step, out=d)
-    return d, weight
-
-
-@numba.njit(nogil=True, cache=True)
-def _parabola(volume, first, step, d, noise, factor, target, weight):  # type: ignore[no-untyped-def]
-    rows, labels, columns = volume.shape
-    for t in range(rows):
-        for s in range(columns):
-            h = int(np.floor((d[t, s] - first) / step + np.float32(0.5)))
-            h = min(max(h, 1), labels - 2)
-            low, mid, high = volume[t, h - 1, s], volume[t, h, s], volume[t, h + 1, s]
-            bend = low - 2 * mid + high
-            target[t, s], weight[t, s] = d[t, s], 0
-            if bend > 0:  # False for NaN
-                shift = np.float32(0.5) * (low - high) / bend
-                shift = min(max(shift, np.float32(-2)), np.float32(2))
-                target[t, s] = first + step * (h + shift)
-                weight[t, s] = factor * bend / (step * step) / (noise + max(mid, np.float32(0)))
+        bond = _bonds(d, picture, _AXES, np.float32(stiffness), np.float32(jump), np.float32(edge))
+        _solve(d, held, information * target + _ANCHOR * d, bond, _AXES, iterations)
+    return d
 
 
 @numba.njit(nogil=True, cache=True)
@@ -95,7 +65,7 @@ def _bonds(d, guide, axes, stiffness, jump, edge):  # type: ignore[no-untyped-de
     bond = np.zeros((count, rows, columns), dtype=np.float32)
     for k in range(count):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = axes[k, t % 2]
+            t0, s0, t1, s1 = axes[k]
             for s in range(1, columns - 1):
                 bend = d[t + t0, s + s0] - 2 * d[t, s] + d[t + t1, s + s1]
                 change = np.float32(0)
@@ -116,7 +86,7 @@ def _apply(d, weight, bond, axes, out):  # type: ignore[no-untyped-def]
             out[t, s] = weight[t, s] * d[t, s]
     for k in range(axes.shape[0]):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = axes[k, t % 2]
+            t0, s0, t1, s1 = axes[k]
             before, here, after = d[t + t0], d[t], d[t + t1]
             to_before, to_here, to_after = out[t + t0], out[t], out[t + t1]
             for s in range(1, columns - 1):
@@ -132,7 +102,7 @@ def _diagonal(weight, bond, axes):  # type: ignore[no-untyped-def]
     diagonal = weight.copy()
     for k in range(axes.shape[0]):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = axes[k, t % 2]
+            t0, s0, t1, s1 = axes[k]
             for s in range(1, columns - 1):
                 diagonal[t, s] += 4 * bond[k, t, s]
                 diagonal[t + t0, s + s0] += bond[k, t, s]

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.kernels.spline import weights
+
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
@@ -23,33 +25,18 @@ def sectors(u: IntArray, v: IntArray) -> IntArray:
     return np.round(np.arctan2(v, u) / (np.pi / 4)).astype(np.int64) % 8
 
 
-@numba.njit(nogil=True, cache=True)
-def cubic(fraction):  # type: ignore[no-untyped-def]
-    """Weights of the four samples around a position between the middle two (Keys 1981, a = −1/2)."""
-    f = np.float32(fraction)
-    half = np.float32(0.5)
-    one = np.float32(1)
-    two = np.float32(2)
-    return (
-        half * f * (-one + f * (two - f)),
-        one + half * f * f * (np.float32(3) * f - np.float32(5)),
-        half * f * (one + f * (np.float32(4) - np.float32(3) * f)),
-        half * f * f * (f - one),
-    )
-
-
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
 def _sample(plane, top, left, fy, fx, blend, out):  # type: ignore[no-untyped-def]
     """Row of a plane at a fractional position; (top, left) is the second of the four cubic samples."""
     columns = out.shape[0]
-    a, b, c, d = cubic(fy)
+    a, b, c, d = weights(fy)
     r0 = plane[top - 1, left - 1 : left + columns + 2]
     r1 = plane[top, left - 1 : left + columns + 2]
     r2 = plane[top + 1, left - 1 : left + columns + 2]
     r3 = plane[top + 2, left - 1 : left + columns + 2]
     for s in range(columns + 3):
         blend[s] = a * r0[s] + b * r1[s] + c * r2[s] + d * r3[s]
-    a, b, c, d = cubic(fx)
+    a, b, c, d = weights(fx)
     b0 = blend[0:columns]
     b1 = blend[1 : columns + 1]
     b2 = blend[2 : columns + 2]
@@ -92,23 +79,24 @@ def _collect(views, q, t, d, u, v, margin, centre, blend, sample):  # type: igno
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def half_plane_volume(views, centre, u, v, sector, margin, hypotheses):  # type: ignore[no-untyped-def]
-    """Variance (t, hypothesis, s) of the samples of the best half plane of views, summed over the channels.
+def half_plane_volume(views, centre, u, v, sector, margin, hypotheses, span, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (hypothesis, t, s) with the variance of the best half plane of views, summed over the channels.
 
     Parameters
     ----------
     views
         (view, channel, t, s) padded by `margin` > max |d·u| + 2.
     centre
-        (channel, t, s), not padded.
+        (channel, t, s), not padded, read by the same spline.
     u, v, sector
         (view,) offsets and sectors.
     hypotheses
         (hypothesis,) disparities.
+    span
+        First row and the one after the last.
     """
     count, channels = views.shape[0], views.shape[1]
-    rows, columns = centre.shape[1], centre.shape[2]
-    out = np.empty((rows, hypotheses.shape[0], columns), dtype=np.float32)
+    columns = centre.shape[2]
     blend = np.empty(columns + 3, dtype=np.float32)
     sample = np.empty((channels, columns), dtype=np.float32)
     mean = np.empty((8, channels, columns), dtype=np.float32)
@@ -116,7 +104,7 @@ def half_plane_volume(views, centre, u, v, sector, margin, hypotheses):  # type:
     share = np.zeros(8, dtype=np.float32)
     for q in range(count):
         share[sector[q]] += 1
-    for t in range(rows):
+    for t in range(span[0], span[1]):
         for h in range(hypotheses.shape[0]):
             mean[:] = 0
             square[:] = 0
@@ -128,5 +116,4 @@ def half_plane_volume(views, centre, u, v, sector, margin, hypotheses):  # type:
                     for s in range(columns):
                         first[s] += row[s]
                         second[s] += row[s] * row[s]
-            _half_planes(mean, square, share, centre[:, t], np.float32(1), out[t, h])
-    return out
+            _half_planes(mean, square, share, centre[:, t], np.float32(1), out[h, t])

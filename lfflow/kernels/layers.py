@@ -1,0 +1,30 @@
+"""A view split into fine detail and what remains, so that light that moves with the viewpoint does not move depth.
+
+Gloss and soft shading change slowly over a surface but differ between views by more than the noise; texture does not.
+The bilateral filter keeps the edges of objects in the base, so that they do not reach into the detail around them.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+_SPACE, _DIAMETER = 3.0, 9
+_CONTRAST = 0.05
+
+
+def detail_and_base(view: FloatArray, noise: float = 0.0) -> FloatArray:
+    """Layers (2, t, s) of a view (t, s, channel) in 0..1: bilateral detail, and the luminance itself.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of one channel; the filter takes differences of up to twice that for none.
+    """
+    luminance = np.ascontiguousarray(view.mean(axis=-1), dtype=np.float32)
+    contrast = max(_CONTRAST, 2 * noise)
+    base = cv2.bilateralFilter(luminance, _DIAMETER, contrast, _SPACE)
+    return np.stack([luminance - np.asarray(base, dtype=np.float32), luminance])

@@ -1,0 +1,75 @@
+"""Edges of depth moved to the edges of the picture: a place near a jump takes the side that its colour belongs to.
+
+The side is the weighted median of the disparities around, with weights that fall with distance and difference of colour
+(Ma et al. 2013); places that stay on their side keep their own value.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numba
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+_REACH = 7
+_COLOUR = 0.02
+_JUMP = 0.25
+_CHANGE = np.float32(0.15)
+
+
+def settle_edges(disparity: FloatArray, guide: FloatArray, rounds: int) -> FloatArray:
+    """Disparity (t, s) whose jumps follow the guide.
+
+    Parameters
+    ----------
+    guide
+        (t, s, channel) picture of the same view, 0..1.
+    """
+    found = np.asarray(disparity, dtype=np.float32)
+    picture = np.ascontiguousarray(guide, dtype=np.float32)
+    window = np.ones((2 * _REACH + 1, 2 * _REACH + 1), dtype=np.uint8)
+    for _ in range(rounds):
+        span = cv2.dilate(found, window[:3, :3]) - cv2.erode(found, window[:3, :3])
+        near = cv2.dilate((span > _JUMP).astype(np.uint8), window).astype(np.bool_)
+        found = _settled(found, picture, near)
+    return found
+
+
+@numba.njit(nogil=True, cache=True)
+def _settled(disparity, guide, near):  # type: ignore[no-untyped-def]
+    rows, columns, channels = guide.shape
+    out = disparity.copy()
+    side = 2 * _REACH + 1
+    value, weight = np.empty(side * side, dtype=np.float32), np.empty(side * side, dtype=np.float32)
+    for t in range(rows):
+        for s in range(columns):
+            if not near[t, s]:
+                continue
+            count = 0
+            for a in range(max(t - _REACH, 0), min(t + _REACH + 1, rows)):
+                for b in range(max(s - _REACH, 0), min(s + _REACH + 1, columns)):
+                    apart = np.float32(0)
+                    for c in range(channels):
+                        apart += (guide[a, b, c] - guide[t, s, c]) ** 2
+                    away = ((a - t) ** 2 + (b - s) ** 2) / (_REACH / 1.5) ** 2
+                    value[count] = disparity[a, b]
+                    weight[count] = math.exp(-(apart / _COLOUR**2 + away) / 2)
+                    count += 1
+            median = _weighted_median(value[:count], weight[:count])
+            if abs(median - disparity[t, s]) > _CHANGE:
+                out[t, s] = median
+    return out
+
+
+@numba.njit(nogil=True, cache=True)
+def _weighted_median(value, weight):  # type: ignore[no-untyped-def]
+    half, so_far = weight.sum() / 2, 0.0
+    for k in np.argsort(value):
+        so_far += weight[k]
+        if so_far >= half:
+            return value[k]
+    return value[0]

@@ -1,0 +1,108 @@
+"""Disparity below the step of the search: Gauss–Newton over all views that see a place, joined by a smooth surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lfflow.kernels.line_fit import normal_equations
+from lfflow.kernels.surface import fit_surface
+from lfflow.kernels.threads import each
+from lfflow.kernels.view_field import ViewField, bands
+from lfflow.kernels.visibility import seen_by
+
+FloatArray = npt.NDArray[np.float32]
+
+_LUMINANCE = np.float32(0.05)
+"""Weight of the luminance against the detail; gloss is ten to twenty times the noise."""
+_APART = np.float32(4)
+"""Residual, in units of the noise, at which a view counts a quarter."""
+_REACH = np.float32(0.15)
+"""Longest step; beyond it the views are not linear in the disparity."""
+_HIDES = np.float32(0.1)
+
+
+class Refined(NamedTuple):
+    """The surface (t, s) and what the views say of each place by themselves.
+
+    Parameters
+    ----------
+    disparity, own
+        (t, s) of the surface, and of the place alone.
+    information
+        (t, s) 1/variance of `own`.
+    residual
+        (t, s) mean squared difference of the views to their mean; its median is `noise`.
+    """
+
+    disparity: FloatArray
+    own: FloatArray
+    information: FloatArray
+    residual: FloatArray
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """Padded views (view, t, s, layer), so that a line of disparity up to the largest stays inside."""
+
+    views: FloatArray
+    u: FloatArray
+    v: FloatArray
+    margin: int
+    threads: int
+
+    def fit(self, disparity: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Step, curvature and mean squared residual (t, s) at the present disparity."""
+        views = range(len(self.u))
+        seen = np.stack(each(lambda q: seen_by(disparity, self.u[q], self.v[q], _HIDES), views, self.threads))
+        sums = np.empty((3, *disparity.shape), dtype=np.float32)
+        tolerance = _APART * np.float32(noise)
+
+        def band(span: tuple[int, int]) -> None:
+            normal_equations(self.views, seen, disparity, self.u, self.v, span, self.margin, tolerance, sums)
+
+        each(band, bands(disparity.shape[0]), self.threads)
+        curvature, slope, residual = sums
+        step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
+        return step, curvature, residual
+
+
+def _lines(field: ViewField, largest: float, threads: int) -> _Lines:
+    margin = field.margin(largest)
+    layers = np.moveaxis(field.layers, 1, -1) * np.array([1, _LUMINANCE], dtype=np.float32)
+    padded = np.pad(layers, ((0, 0), (margin, margin), (margin, margin), (0, 0)), mode="edge")
+    offsets = (field.u.astype(np.float32), field.v.astype(np.float32))
+    return _Lines(np.ascontiguousarray(padded), *offsets, margin, threads)
+
+
+def refine(
+    field: ViewField, start: FloatArray, noise: float, largest: float, *, stiffness: float, rounds: int, threads: int
+) -> Refined:
+    """Surface through the disparities at which all views agree.
+
+    Parameters
+    ----------
+    start
+        (t, s), right to less than half the finest texture over the largest view offset.
+    noise
+        Variance of the detail between views.
+    largest
+        Largest |disparity|.
+    stiffness
+        `lfflow.kernels.surface.fit_surface`.
+    rounds
+        Steps, at least one.
+    """
+    lines = _lines(field, largest, threads)
+    disparity = np.asarray(start, dtype=np.float32)
+    for _ in range(rounds):
+        step, curvature, residual = lines.fit(disparity, noise)
+        noise = max(float(np.median(residual)), 1e-9)
+        information = curvature / np.maximum(residual, np.float32(noise))
+        own = disparity + step
+        disparity = fit_surface(own, information / 2, disparity, field.guide, stiffness=stiffness)
+    return Refined(disparity, own, information, residual, noise)
