@@ -82,7 +82,7 @@ def opening(folder: Path) -> None:
     rows = [
         ("frame header (Frame)", best(lambda: open_frame(path), 50)),
         ("open_lfp (Dataset)", best(lambda: open_lfp(path), 50)),
-        ('xr.open_dataset(engine="lfp")', best(lambda: xr.open_dataset(path, engine="lfp"), 50)),
+        ('xr.open_dataset(engine="lfp")', best(lambda: xr.open_dataset(path, engine="lfp"), 200)),
     ]
     raw = open_lfp(path)["raw"]
     raw[:1].load()

@@ -44,19 +44,29 @@ def pack12(samples: Samples, packed: Bytes) -> None:
         packed[3 * pairs + 1] = (last & 15) << 4
 
 
-@numba.njit(nogil=True, cache=True)
 def unpack10(packed: Bytes, samples: Samples) -> None:
     """Fill `samples` (n,) from `packed` (5⌈n/4⌉,)."""
     groups = samples.size // 4
-    for i in range(groups):
-        low = np.uint16(packed[5 * i + 4])
-        samples[4 * i] = np.uint16(packed[5 * i]) << np.uint16(2) | low & np.uint16(3)
-        samples[4 * i + 1] = np.uint16(packed[5 * i + 1]) << np.uint16(2) | low >> np.uint16(2) & np.uint16(3)
-        samples[4 * i + 2] = np.uint16(packed[5 * i + 2]) << np.uint16(2) | low >> np.uint16(4) & np.uint16(3)
-        samples[4 * i + 3] = np.uint16(packed[5 * i + 3]) << np.uint16(2) | low >> np.uint16(6)
-    for k in range(samples.size - 4 * groups):
-        low = np.uint16(packed[5 * groups + 4])
-        samples[4 * groups + k] = np.uint16(packed[5 * groups + k]) << np.uint16(2) | low >> (2 * k) & 3
+    if groups:
+        # Four bytes of every five as one word, wherever it lies, and the fifth; four samples are one word to write.
+        high = np.ndarray((groups,), np.uint32, packed, 0, (5,))
+        _spread10(high, packed[4 : 5 * groups : 5], samples[: 4 * groups].view(np.uint64))
+    rest = samples[4 * groups :]
+    if rest.size:
+        last = packed[5 * groups : 5 * groups + 5].astype(np.uint16)
+        rest[:] = last[: rest.size] << 2 | last[4] >> 2 * np.arange(rest.size, dtype=np.uint16) & 3
+
+
+@numba.njit(nogil=True, cache=True)
+def _spread10(high: npt.NDArray[np.uint32], low: Bytes, quads: npt.NDArray[np.uint64]) -> None:
+    """Four samples a word: the bytes of `high`, the pairs of bits of `low`, are moved to lanes of 16 bits by halves."""
+    for i in range(quads.size):
+        tops, bottoms = np.uint64(high[i]), np.uint64(low[i])
+        tops = (tops | tops << np.uint64(16)) & np.uint64(0x0000FFFF0000FFFF)
+        tops = (tops | tops << np.uint64(8)) & np.uint64(0x00FF00FF00FF00FF)
+        bottoms = (bottoms | bottoms << np.uint64(28)) & np.uint64(0x0000000F0000000F)
+        bottoms = (bottoms | bottoms << np.uint64(14)) & np.uint64(0x0003000300030003)
+        quads[i] = tops << np.uint64(2) | bottoms
 
 
 @numba.njit(nogil=True, cache=True)
