@@ -84,8 +84,11 @@ def _optics(table: pd.DataFrame) -> list[str]:
     """Lens pitch and gap that the measured pitches ask for, where the metadata know several exit pupils."""
     known = table[table["exit_pupil_offset"].notna()]
     if known["exit_pupil_offset"].round(6).nunique() < 3:
-        implied = table["implied_pupil"]
-        return [f"exit pupil that dh asks for: {implied.median() * 1e3:.1f} mm (the metadata know too few to compare)"]
+        implied = float(table["implied_pupil"].median())
+        verdict = (
+            "the metadata know too few to compare" if 5e-3 < implied < 10 else "no lens's: the pitches are not its own"
+        )
+        return [f"exit pupil that dh asks for: {implied * 1e3:.1f} mm ({verdict})"]
     closeness = 1 / known["exit_pupil_offset"].to_numpy()
     design = np.column_stack([np.ones(len(known)), closeness])
     (base, slope), *_ = np.linalg.lstsq(design, known["dh"].to_numpy(), rcond=None)
@@ -99,6 +102,8 @@ def convention(table: pd.DataFrame) -> str:
     scores = {signs: float(np.sqrt((table[f"off{signs}"] ** 2).mean())) for signs in ("++", "+-", "-+", "--")}
     if any(math.isnan(score) for score in scores.values()):
         return "signs of mla.sensorOffset: unknown"
+    if max(scores.values()) - min(scores.values()) < MATTERS:
+        return "signs of mla.sensorOffset: the metadata tell no offset"
     best = min(scores, key=lambda signs: scores[signs])
     listed = ", ".join(f"{signs} {score:.3f}" for signs, score in scores.items())
     return f"signs (x, y) of mla.sensorOffset that fit best: {best} (px rms from the nearest lens: {listed})"
@@ -120,7 +125,7 @@ def plot(table: pd.DataFrame, path: str) -> None:
         for row, name in enumerate(("cx", "cy"), start=len(quantities)):
             axes[row, column].axhline(0, color="0.7", lw=1)
             axes[row, column].plot(table[lever], table[f"{name}_difference"], "o", ms=4)
-            axes[row, column].set_title(f"{name}: measured − predicted, up to whole lenses (px)")
+            axes[row, column].set_title(f"{name}, measured − predicted (px)")
         axes[-1, column].set_xlabel(lever.replace("_", " "))
     for ax in axes.ravel():
         ax.ticklabel_format(axis="y", useOffset=False)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lfflow.distortion import STRAIGHT, Distortion
 from lfflow.errors import LatticeNotFoundError
 from lfflow.kernels.aperture import Aperture, two_discs, zone_means
 from lfflow.kernels.centres import lens_centres
@@ -124,13 +125,17 @@ def _centres(lattice: Lattice, shape: tuple[int, ...], every: int) -> FloatArray
     return lens_centres(lattice, shape[0], shape[1], margin=0.6 * max(lattice.dh, lattice.dv))[::every]
 
 
-def measure_lenses(image: FloatImage, flags: Flags, state: State) -> tuple[FloatArray, FloatArray]:
+def measure_lenses(
+    image: FloatImage, flags: Flags, state: State, distortion: Distortion = STRAIGHT
+) -> tuple[FloatArray, FloatArray]:
     """Centre of every lens by its own light, and its standard deviation: (n, 2) each as (x, y), pixels.
+
+    Each is one step from where the lattice and its `distortion` put it.
 
     A lens whose light does not tell is NaN. What clips the subimages and the pixel grid's phase do not move these
     centres, unlike those of `lfflow.kernels.centres.measure_centres`.
     """
-    centres = _centres(state.lattice, image.shape, 1)
+    centres = np.stack(distortion.moved(tuple(_centres(state.lattice, image.shape, 1).T)), axis=1)
     size = DENSE if state.aperture.h is not None else DENSE - 2
     normals, rights = np.zeros((len(centres), size, size)), np.zeros((len(centres), size))
     quality, sums = np.zeros((len(centres), 3)), Sums(np.zeros((4, 3, LEVELS)), np.zeros((2, 4)))

@@ -7,14 +7,14 @@ the cells themselves, which holds what the noise of single centres does not: bea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from lfflow.distortion import DEGREE, STRAIGHT, Distortion, products
-from lfflow.kernels.centres import measure_centres
 from lfflow.kernels.lattice_fit import jacobian, lens_indices, moved
+from lfflow.kernels.likelihood import State, measure_lenses
 from lfflow.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,6 +24,8 @@ MOST_CELLS = 24
 FEWEST_LENSES = 10
 OUTLIER = 4.0
 DEGREES = (3, DEGREE)
+ROUNDS = 4
+"""A lens that lies off its lattice is found in steps, each from where the bend found so far puts it."""
 CHANCE = 1e-6
 """Largest probability that a straight lattice shows as much."""
 SMALLEST_BEND = 0.015
@@ -87,10 +89,26 @@ def unjudged(lattice: Lattice) -> Bend:
     return Bend(lattice, STRAIGHT, float("nan"), float("nan"))
 
 
-def judge(image: npt.NDArray[np.float32], lattice: Lattice) -> Bend:
-    """Smooth bend that the centres of a white image (y, x) show against their lattice."""
-    shape = (image.shape[0], image.shape[1])
-    return bend(lattice, residual_field(lattice, measure_centres(image, lattice), shape), shape)
+def judge(image: npt.NDArray[np.float32], flags: npt.NDArray[np.uint8], state: State) -> Bend:
+    """Smooth bend that the lenses of a white image show, each by its own light.
+
+    Parameters
+    ----------
+    image
+        White image with equal gains of the Bayer sites, shape (y, x).
+    flags
+        Pixels to leave out, where not 0.
+    state
+        Lattice and lenses of the image (`lfflow.kernels.likelihood.refine`).
+    """
+    shape, found = (image.shape[0], image.shape[1]), unjudged(state.lattice)
+    for _ in range(ROUNDS):
+        centres, _ = measure_lenses(image, flags, replace(state, lattice=found.lattice), found.distortion)
+        measured = centres[np.isfinite(centres[:, 0])]
+        found = bend(found.lattice, residual_field(found.lattice, measured, shape), shape)
+        if found.distortion.straight:
+            break
+    return found
 
 
 def residual_field(lattice: Lattice, centres: FloatArray, shape: tuple[int, int]) -> ResidualField:
@@ -153,7 +171,8 @@ def bend(lattice: Lattice, field: ResidualField, shape: tuple[int, int]) -> Bend
     if chance > CHANCE or rms < SMALLEST_BEND:
         return Bend(lattice, STRAIGHT, rms, chance)
     straightened, step = _straightened(lattice, x, y, rigid @ solution[:3])
-    terms = _solve(_design(*(np.stack([x, y]) + step.T), half, DEGREES[len(designs) - 2]), shift - step)
+    onto_x, onto_y = x + step[:, 0], y + step[:, 1]
+    terms = _solve(_design(onto_x, onto_y, half, DEGREES[len(designs) - 2]), shift - step)
     numbers = STRAIGHT.numbers.copy()
     numbers[:, 0] = half
     numbers[:, 1 : len(terms)] = terms[1:].T

@@ -11,6 +11,7 @@ from white_discs import white_discs
 from lfflow.distortion import STRAIGHT, TERMS, Distortion, products
 from lfflow.kernels.centres import measure_centres
 from lfflow.kernels.lattice_fit import fit
+from lfflow.kernels.likelihood import refine
 from lfflow.kernels.residual_field import Bend, bend, judge, residual_field
 from lfflow.kernels.spectrum import start
 from lfflow.lattice import Lattice
@@ -46,8 +47,8 @@ def error(lattice: Lattice, distortion: Distortion, places: np.ndarray) -> tuple
 
 def judged(image: np.ndarray) -> tuple[Lattice, Bend]:
     first = start(image)
-    lattice = fit(measure_centres(image, first), first, SHAPE).lattice
-    return lattice, judge(image, lattice)
+    found, state = refine(image, fit(measure_centres(image, first), first, (image.shape[0], image.shape[1])))
+    return found.lattice, judge(image, np.zeros(image.shape, np.uint8), state)
 
 
 @pytest.mark.parametrize(
@@ -71,8 +72,7 @@ def test_a_straight_lattice_gets_no_correction(draw: int) -> None:
     pitch = rng.uniform(7, 16)
     lattice = Lattice(pitch, pitch * rng.uniform(0.999, 1.001), rng.uniform(-0.05, 0.05), *rng.uniform(0, 9, 2))
     image, _ = white_discs(lattice, (420, 440), radial(0), noise=rng.uniform(0.01, 0.1), seed=draw)
-    first = start(image)
-    found = judge(image, fit(measure_centres(image, first), first, (420, 440)).lattice)
+    _, found = judged(image)
     assert found.distortion.straight
     assert found.rms < 0.015
 
