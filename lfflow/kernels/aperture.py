@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.special import ndtr
 
 from lfflow.kernels.lens_scores import Cell, Flags, FloatArray, FloatImage, in_cell
-from lfflow.kernels.radial import Radial
+from lfflow.kernels.radial import FINE, Radial
 
 ZONES = 5
 """Zones along each side of the sensor."""
@@ -32,6 +32,8 @@ WORTH = 0.87
 """A second disc must lower the remaining sum of squares to this share,"""
 LEAST = 0.008
 """and move by so many lens pitches from the middle of the sensor to its edge."""
+TWIN = 3.0
+"""The discs in exchanged roles explain the picture about as well: up to so many times the sum of squares."""
 SHARP = 0.25
 """An edge that is wider (standard deviation) than so many radii of the aperture is not told from a gradient."""
 
@@ -81,6 +83,11 @@ class Aperture:
     middle: FloatArray
     sharp: bool
 
+    @property
+    def order(self) -> float:
+        """By how much the second disc is larger than the first, pixels, by the middles of their edges."""
+        return 0.0 if self.h is None else _middle(self.h.table()) - _middle(self.f.table())
+
     def offsets(self, centres: FloatArray) -> FloatArray:
         """Centre of the second disc relative to each lens, (n, 2)."""
         return np.asarray((centres - self.middle) @ self.matrix.T + self.origin, dtype=np.float64)
@@ -90,6 +97,13 @@ class Aperture:
         design = np.column_stack([centres - self.middle, np.ones(len(centres))])
         change = np.linalg.lstsq(design, by, rcond=None)[0]
         return replace(self, matrix=self.matrix + change[:2].T, origin=self.origin + change[2])
+
+
+def _middle(table: FloatArray) -> float:
+    """Radius of an edge: mean of the places where a profile falls most steeply, pixels."""
+    fall = -table[:, 1]
+    fall = np.where(fall > 0.2 * fall.max(), fall, 0)
+    return float(fall @ np.arange(len(fall)) / fall.sum()) / FINE
 
 
 @numba.njit(nogil=True, cache=True)
@@ -229,8 +243,10 @@ def _edge(inside: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     return ndtr(place), np.exp(-0.5 * np.minimum(place * place, 200.0)) / (abs(width) * 2.5066282746310002)
 
 
-def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray) -> tuple[Aperture, FloatArray]:
+def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray) -> list[tuple[Aperture, FloatArray]]:
     """Aperture of a picture, and how the five lattice parameters must change.
+
+    Two of them where either disc may be the aperture: `Aperture.order` tells once their profiles are measured.
 
     Parameters
     ----------
@@ -257,21 +273,22 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
         [slice(a, b) for a, b in itertools.pairwise(np.searchsorted(zones.zone, np.arange(len(zones.centres) + 1)))],
     )
     start = np.array([0.46, 0.06, -0.2, *np.zeros(5)])
-    single = best = _solve(problem, start)
-    if abs(single[1]) > SHARP * single[0]:
-        return _aperture(single, pitch, middle, sharp=False), np.asarray(single[3:8] / scale)
-    problem = replace(problem, tilted=True)
-    single = best = _solve(problem, single)
-    for side in (-0.25, 0.25):
-        found = _solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]]))
-        better = problem.odd(found) < min(problem.odd(best), WORTH * problem.odd(single))
-        best = found if better and _clips(found) else best
-    return _aperture(best, pitch, middle, sharp=True), np.asarray(best[3:8] / scale)
+    single = _solve(problem, start)
+    sharp = abs(single[1]) < SHARP * single[0]
+    found = [single]
+    if sharp:
+        problem = replace(problem, tilted=True)
+        single = _solve(problem, single)
+        sides = [_solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]])) for side in (-0.25, 0.25)]
+        worth = WORTH * problem.odd(single)
+        clipping = [p for p in sorted(sides, key=problem.odd) if problem.odd(p) < worth and _clips(p)]
+        found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] or [single]
+    return [(_aperture(p, pitch, middle, sharp=sharp), np.asarray(p[3:8] / scale)) for p in found]
 
 
 def _clips(p: FloatArray) -> bool:
     """Whether what was found is a second disc: wandering, and about as large as the aperture."""
-    return bool(abs(p[8]) > LEAST and 0.98 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0])
+    return bool(abs(p[8]) > LEAST and 0.85 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0])
 
 
 def _solve(problem: _Problem, start: FloatArray) -> FloatArray:

@@ -95,30 +95,44 @@ def refine(
         The steps leave the neighbourhood of the first lattice.
     """
     flags = np.zeros(image.shape, np.uint8) if flags is None else flags
-    lattice, aperture = find_aperture(image if scene is None else scene, flags, first.lattice)
-    state = State(lattice, aperture, np.tile([0.05, 0.05, 0.0], (4, 1)), np.ones(4), first.covariance, 0.0)
-    if scene is not None and not aperture.sharp:
-        return first, replace(state, lattice=first.lattice)
-    clipped = aperture.h is not None
+    states = find_aperture(image if scene is None else scene, flags, first)
+    if scene is not None and not states[0].aperture.sharp:
+        return first, replace(states[0], lattice=first.lattice)
+    clipped = states[0].aperture.h is not None
     thin = max(1, round(SPARSE * min(1.0, first.count / 40000)))
     rounds = [(thin, True)] * (3 if clipped else 2 if precise or scene is not None else 0) or [(thin, False)]
+    tried = []
+    for state in states:
+        tried.append(_improved(image, flags, state, rounds, first, scene=scene is not None))
+        if tried[-1].aperture.order >= 0:
+            break
+    state = max(tried, key=lambda one: one.aperture.order)
     if precise:
-        rounds.append((min(thin, CLIPPED_SPARSE), True) if clipped else (1, False))
-    for every, splines in rounds:
-        state = improve(image, flags, state, every, splines=splines, scene=scene is not None)
-        if not state.lattice.distance_to(first.lattice, *image.shape) < 0.5 * lattice.dh:
-            raise LatticeNotFoundError("the likelihood has no maximum near the measured centres")
+        last = [(min(thin, CLIPPED_SPARSE), True) if clipped else (1, False)]
+        state = _improved(image, flags, state, last, first, scene=scene is not None)
     return replace(first, lattice=state.lattice, covariance=state.covariance), state
 
 
-def find_aperture(image: FloatImage, flags: Flags, lattice: Lattice) -> tuple[Lattice, Aperture]:
-    """Lattice and aperture from the mean subimages of the zones of the sensor."""
+def _improved(
+    image: FloatImage, flags: Flags, state: State, rounds: list[tuple[int, bool]], first: Fit, *, scene: bool
+) -> State:
+    for every, splines in rounds:
+        state = improve(image, flags, state, every, splines=splines, scene=scene)
+        if not state.lattice.distance_to(first.lattice, *image.shape) < 0.5 * first.lattice.dh:
+            raise LatticeNotFoundError("the likelihood has no maximum near the measured centres")
+    return state
+
+
+def find_aperture(image: FloatImage, flags: Flags, first: Fit) -> list[State]:
+    """Lattice and aperture from the mean subimages of the zones of the sensor: the likeliest first."""
+    lattice = first.lattice
     centres = _centres(lattice, image.shape, 3)
     zones = zone_means(image, flags, centres, cell_of(lattice))
     k = (zones.centres - (lattice.cx, lattice.cy)) @ np.linalg.inv(lattice.matrix).T
     middle = np.array([image.shape[1] - 1, image.shape[0] - 1]) / 2
-    aperture, step = two_discs(zones, jacobian(lattice, k), lattice.dh, middle)
-    return moved(lattice, step), aperture
+    found = two_discs(zones, jacobian(lattice, k), lattice.dh, middle)
+    noise = np.tile([0.05, 0.05, 0.0], (4, 1))
+    return [State(moved(lattice, step), look, noise, np.ones(4), first.covariance, 0.0) for look, step in found]
 
 
 def _centres(lattice: Lattice, shape: tuple[int, ...], every: int) -> FloatArray:
