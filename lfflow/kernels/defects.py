@@ -17,6 +17,8 @@ FAINT = 0.05
 """Vignetting below which a pixel says nothing about its neighbours, nor they whether it is dead."""
 STEPS = {"white": 0.04, "scene": 0.12}
 """By how much, in radiance, a hot pixel must exceed what its neighbours suggest: even light, or detail."""
+GRAIN = 4.0
+"""The same in units of the typical difference of a pixel from what its neighbours suggest."""
 SIGMAS = 5.0
 """By how many standard deviations the neighbours of a dead pixel must stand out of the dark."""
 
@@ -30,9 +32,10 @@ def aberrant_pixels(
     """Pixels that stick out of their 8 same-colour neighbours, and those that were tested for being dead.
 
     A hot pixel exceeds the largest reading that its neighbours suggest by a tenth and a step, or the second largest
-    by a tenth and two steps. A dead one lies below a tenth of the second smallest, where that stands out of the noise
-    of the dark: there nothing can be told. So one neighbour may be a defect as well, and a second pass leaves out those
-    that the first has marked.
+    by a tenth and two steps; where the picture is full of detail, a step is four typical differences of pixels from
+    their neighbours. A dead one lies below a tenth of the second smallest, where that stands out of the noise of the
+    dark: there nothing can be told. So one neighbour may be a defect as well, and a second pass leaves out those that
+    the first has marked.
 
     Parameters
     ----------
@@ -53,15 +56,19 @@ def aberrant_pixels(
     flags, tested = np.zeros(frame.shape, np.uint8), np.zeros(frame.shape, np.bool_)
     even = np.full((frame.shape[0] + 4, frame.shape[1] + 4), np.nan, np.float32)
     _flatten(frame, shade, even)
-    least = SIGMAS * dark_spread(frame, shade, even)
+    dark, grain = spread(frame, shade, even)
+    least, tolerance = np.float32(SIGMAS * dark), np.float32(GRAIN * grain)
     for _ in range(2):
-        _mark(frame, shade, even, np.float32(step), np.float32(least), flags, tested)
+        _mark(frame, shade, even, np.float32(step), tolerance, least, flags, tested)
         even[2:-2, 2:-2][flags != 0] = np.nan
     return flags, tested
 
 
-def dark_spread(radiance: Float32Array, vignetting: Float32Array, even: Float32Array) -> float:
-    """Standard deviation of dark pixels about what their neighbours suggest: the lowest tenth of the lit ones."""
+def spread(radiance: Float32Array, vignetting: Float32Array, even: Float32Array) -> tuple[float, float]:
+    """Typical difference of pixels from what their neighbours suggest, as standard deviations of a normal law.
+
+    Radiance, for the darkest tenth of the lit pixels; and as a share of the level, for the brighter half.
+    """
     inside = (slice(2, -2, 7), slice(2, -2, 5))
     y, x = np.nonzero(vignetting[inside] >= 2 * FAINT)
     y, x = 7 * y + 4, 5 * x + 4
@@ -69,11 +76,14 @@ def dark_spread(radiance: Float32Array, vignetting: Float32Array, even: Float32A
     known = np.isfinite(around)
     enough = known.sum(axis=0) >= 3
     if enough.sum() < 100:
-        return float(radiance.max(initial=1.0))
+        return float(radiance.max(initial=1.0)), 1.0
     level = np.where(known, around, 0).sum(axis=0)[enough] / known.sum(axis=0)[enough]
     level = level * vignetting[y - 2, x - 2][enough]
     difference = radiance[y - 2, x - 2][enough] - level
-    return 1.4826 * float(np.median(np.abs(difference[level <= np.quantile(level, 0.1)])))
+    dark = np.abs(difference[level <= np.quantile(level, 0.1)])
+    bright = level > max(float(np.median(level)), 1e-6)
+    grain = np.abs(difference[bright]) / level[bright]
+    return 1.4826 * float(np.median(dark)), 1.4826 * float(np.median(grain)) if bright.any() else 1.0
 
 
 def hot_in_dark(radiance: Float32Array, *, threshold: float = 0.03, sigmas: float = 8.0) -> ByteArray:
@@ -93,7 +103,7 @@ def _flatten(radiance, shade, even):  # type: ignore[no-untyped-def]  # pragma: 
 
 
 @numba.njit(nogil=True, cache=True)
-def _mark(radiance, shade, even, step, least, flags, tested):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _mark(radiance, shade, even, step, tolerance, least, flags, tested):  # type: ignore[no-untyped-def]  # pragma: no cover
     for y in range(radiance.shape[0]):
         for x in range(radiance.shape[1]):
             lowest, low, high, second = np.float32(np.inf), np.float32(np.inf), np.float32(0), np.float32(0)
@@ -109,9 +119,9 @@ def _mark(radiance, shade, even, step, least, flags, tested):  # type: ignore[no
                         high = max(high, reading)
             value, mine = radiance[y, x], shade[y, x]
             most = np.float32(1.1) * max(mine, np.float32(2 * FAINT))
-            bound = high * most + step
+            bound = high * most + max(step, tolerance * high * mine)
             if number >= 3:
-                bound = min(bound, second * most + 2 * step)
+                bound = min(bound, second * most + 2 * max(step, tolerance * second * mine))
                 tested[y, x] = mine >= np.float32(FAINT) and low * mine > least
             if value > bound:
                 flags[y, x] = HOT

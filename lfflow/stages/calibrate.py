@@ -13,12 +13,13 @@ import xarray as xr
 from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.distortion import STRAIGHT
 from lfflow.kernels.centres import flatten_scene, measure_centres
-from lfflow.kernels.defects import SATURATED, STEPS, aberrant_pixels
+from lfflow.kernels.defects import HOT, SATURATED, STEPS, aberrant_pixels
 from lfflow.kernels.equalise import equalise, weighted
 from lfflow.kernels.lattice_fit import Fit, fit
-from lfflow.kernels.likelihood import refine
+from lfflow.kernels.likelihood import measure_lenses, refine
 from lfflow.kernels.radiometry import normalise_levels
-from lfflow.kernels.residual_field import judge, unjudged
+from lfflow.kernels.residual_field import bend as bend_of
+from lfflow.kernels.residual_field import residual_field, unjudged
 from lfflow.kernels.shade import shade
 from lfflow.kernels.spectrum import start
 from lfflow.kernels.white import white_vignetting
@@ -127,7 +128,7 @@ def _calibrate_frame(
 ) -> tuple[Any, ...]:
     raw = np.ascontiguousarray(raw)
     gray, _ = equalise(raw, black)
-    scene = bool(method == METHOD_FLAGS["self"])
+    scene, shape = bool(method == METHOD_FLAGS["self"]), (raw.shape[0], raw.shape[1])
     found, flat = locate(gray, scene=scene, grid=(int(grid[0]), int(grid[1])), weights=weights)
     clipped = _clipped(raw, white)
     found, state = refine(gray, found, clipped, scene=flat if scene else None, precise=precise)
@@ -136,7 +137,9 @@ def _calibrate_frame(
         vignetting = shade(state.aperture, found.lattice, flat)
     else:
         if precise:
-            bend = judge(gray, clipped, replace(state, lattice=found.lattice))
+            centres, _ = measure_lenses(gray, clipped, state)
+            measured = centres[np.isfinite(centres[:, 0])]
+            bend = bend_of(found.lattice, residual_field(found.lattice, measured, shape), shape)
         found = replace(found, lattice=bend.lattice)
         vignetting = white_vignetting(gray, found.lattice)
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
@@ -155,10 +158,12 @@ def _pixel_flags(
     *,
     scene: bool,
 ) -> npt.NDArray[np.uint8]:
-    """Hot and dead pixels (y, x), and the clipped ones of a white image: those of a scene are its own."""
+    """Hot pixels (y, x); on a white image also dead and clipped ones, for those of a scene are its own."""
     radiance = normalise_levels(raw, black.astype(np.float32), (1 / (white - black)).astype(np.float32))
     flags, _ = aberrant_pixels(radiance, vignetting, step=STEPS["scene" if scene else "white"])
-    return flags if scene else flags | (radiance >= 1).astype(np.uint8) * np.uint8(SATURATED)
+    if scene:
+        return flags & np.uint8(HOT)
+    return flags | (radiance >= 1).astype(np.uint8) * np.uint8(SATURATED)
 
 
 def _clipped(raw: npt.NDArray[np.uint16], white: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
