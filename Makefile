@@ -42,7 +42,7 @@ fuzz: $(STAMP)       ## feed a million broken files to every reader
 
 fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, installed here)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
-	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536
+	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536 -artifact_prefix=.venv/fuzz-
 
 benchmark: $(STAMP)  ## accuracy and CPU seconds against bounds, part by part (minutes)
 	for part in formats calibration demultiplex storage disparity reconstruct; do $(BIN)/python benchmarks/$$part.py || exit 1; done
