@@ -16,10 +16,9 @@ from lfflow.kernels.centres import flatten_scene, measure_centres
 from lfflow.kernels.defects import HOT, SATURATED, STEPS, aberrant_pixels
 from lfflow.kernels.equalise import equalise, weighted
 from lfflow.kernels.lattice_fit import Fit, fit
-from lfflow.kernels.likelihood import measure_lenses, refine
+from lfflow.kernels.likelihood import refine
 from lfflow.kernels.radiometry import normalise_levels
-from lfflow.kernels.residual_field import bend as bend_of
-from lfflow.kernels.residual_field import residual_field, unjudged
+from lfflow.kernels.residual_field import judge, unjudged
 from lfflow.kernels.shade import shade
 from lfflow.kernels.spectrum import start
 from lfflow.kernels.white import white_vignetting
@@ -128,7 +127,7 @@ def _calibrate_frame(
 ) -> tuple[Any, ...]:
     raw = np.ascontiguousarray(raw)
     gray, _ = equalise(raw, black)
-    scene, shape = bool(method == METHOD_FLAGS["self"]), (raw.shape[0], raw.shape[1])
+    scene = bool(method == METHOD_FLAGS["self"])
     found, flat = locate(gray, scene=scene, grid=(int(grid[0]), int(grid[1])), weights=weights)
     clipped = _clipped(raw, white)
     found, state = refine(gray, found, clipped, scene=flat if scene else None, precise=precise)
@@ -137,9 +136,7 @@ def _calibrate_frame(
         vignetting = shade(state.aperture, found.lattice, flat)
     else:
         if precise:
-            centres, _ = measure_lenses(gray, clipped, state)
-            measured = centres[np.isfinite(centres[:, 0])]
-            bend = bend_of(found.lattice, residual_field(found.lattice, measured, shape), shape)
+            bend = judge(gray, clipped, replace(state, lattice=found.lattice))
         found = replace(found, lattice=bend.lattice)
         vignetting = white_vignetting(gray, found.lattice)
     numbers = np.array([getattr(found.lattice, name) for name in PARAMETERS])
