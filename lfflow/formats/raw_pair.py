@@ -1,7 +1,7 @@
 """Bare sensor frames: ``MOD_0001.RAW`` and its JSON beside it (``MOD_0001.TXT`` or ``.json``), of both cameras.
 
-Neither file carries a checksum. A wrong length is noticed, a flipped bit in the samples cannot be (in the JSON only where
-it breaks the text or a needed value): who keeps such files should keep their sha256 too, as a collection's catalogue does.
+Neither file carries a checksum. A wrong length is noticed; a flipped bit in the samples cannot be, one in the JSON only
+where it breaks the text or a needed value. Who keeps such files should keep their sha256 too, as a catalogue does.
 """
 
 from __future__ import annotations
