@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,6 +19,7 @@ import xarray as xr
 
 import lfflow
 import lfflow.accessor
+from lfflow.formats.pfm import read_pfm
 from lfflow.kernels.gather import Rule, Targets, gather
 from lfflow.kernels.guided import fill_colours
 from lfflow.kernels.synthesis import doubt_of, one_view, prepare
@@ -104,37 +107,49 @@ def simulated(seed, size):
     return lf, disp
 
 
+def shrunk(folder):
+    """Views and central disparity, so many times smaller that no disparity exceeds the F01's range of ±1."""
+    views = xr.open_dataset(folder, engine="views").load()
+    disparity = read_pfm(next(Path(folder).glob("gt_disp*.pfm")))
+    times = int(np.ceil(np.abs(disparity).max()))
+    size = views.sizes["s"] // times, views.sizes["t"] // times
+    linear = views["rgb"].transpose("v", "u", "t", "s", "channel").values ** 2.2
+    small = [[cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in row] for row in linear]
+    middle = cv2.resize(disparity, size, interpolation=cv2.INTER_NEAREST) / times
+    rgb = (("v", "u", "t", "s", "channel"), np.array(small, np.float32))
+    return xr.Dataset({"rgb": rgb}, {"v": views["v"], "u": views["u"]}), xr.DataArray(middle, dims=("t", "s")), times
+
+
 def through_the_mosaic(folder):
     """HCI views through the F01's mosaic. Its simulation knows no rounding of the lens centres: ρ is set to 0."""
-    views = xr.open_dataset(folder, engine="views").load()
-    views["rgb"] = views["rgb"] ** 2.2
-    known = "disparity" in views
-    centre = views["disparity"].sel(u=0, v=0) if known and "u" in views["disparity"].dims else views.get("disparity")
+    views, centre, times = shrunk(folder)
     raw, truth = simulate_from_views(views, centre)
     lattice = lattice_of(truth)
     _, white = simulate_white(lattice, height=raw.sizes["y"], width=raw.sizes["x"], noise=False)
     lf = lfflow.demultiplex(raw, white.rename(defects="pixel_flags")).compute()
     disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
-    maps = {"estimated disparity": disp}
-    if known:
-        std = xr.full_like(truth["disparity"], 0.01)
-        own = xr.Dataset({"disparity": truth["disparity"], "disparity_std": std, "flags": (0 * std).astype("uint8")})
-        own = own.assign_coords(t=lf["t"], s=lf["s"])
-        maps["true disparity"] = lfflow.transpose_disparity(own, lf)
+    std = xr.full_like(truth["disparity"], 0.01)
+    own = xr.Dataset({"disparity": truth["disparity"], "disparity_std": std, "flags": (0 * std).astype("uint8")})
+    true = lfflow.transpose_disparity(own.assign_coords(t=lf["t"], s=lf["s"]), lf)
     x, y = grid_of(lf).places(lf["t"], lf["s"])
-    at = lattice.nearest(*lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values))
+    first = replace(lattice, cx=lattice.dh / 2, cy=lattice.dv / 2)  # the numbering of the views' own pixels
+    at = first.nearest(*lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values))
     row, column = at[0] * lattice.row_pitch, at[1] + lattice.row_offset(at[0])
     place = column.astype(np.float32), row.astype(np.float32)
     picture = cv2.remap(views["rgb"].sel(u=0, v=0).values.astype(np.float32), *place, cv2.INTER_LINEAR)
     rows = {"raw first, edge-directed": raw_first(raw, white, lf), "per view, edge-directed": per_view(lf)}
-    for name, found in maps.items():
+    for name, found in (("estimated disparity", disp), ("true disparity", true)):
         fields = [lf[n].values for n in ("mosaic", "cfa", "weight")]
         fields += [found[n].values for n in ("disparity", "disparity_std")]
         capture = prepare(fields, [lf[n].values for n in ("v", "u", "t", "s")], lattice_of(lf))
         capture = capture._replace(samples=capture.samples._replace(residual=0 * capture.samples.residual))
         rows[f"lfflow, {name}"] = one_view(capture, None, x, y, (0.0, 0.0), Rule(), on_lenses=True)[0]
     inside = (row > 3) & (row < views.sizes["t"] - 4) & (column > 3) & (column < views.sizes["s"] - 4)
-    report(f"{folder} through the F01's mosaic, dB", rows, np.where(inside[..., None], picture, np.nan))
+    report(
+        f"{Path(folder).name}, {times} times smaller, through the F01's mosaic, dB",
+        rows,
+        np.where(inside[..., None], picture, np.nan),
+    )
 
 
 def one_plane(disparity, seed, size=900):
