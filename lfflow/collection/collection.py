@@ -13,7 +13,7 @@ import xarray as xr
 from lfflow.collection import catalogue
 from lfflow.collection.query import select
 from lfflow.collection.records import FAILED, Ledger
-from lfflow.collection.scalars import decode, small_variables
+from lfflow.collection.scalars import LARGE_DIMS, decode, small_variables
 from lfflow.collection.storage import open_storage
 from lfflow.collection.stores import Store
 from lfflow.collection.whites import SELF, candidates, reason
@@ -160,9 +160,7 @@ class Collection:
             if values and any(variable.name in record.scalars for record in finished):
                 ds[variable.name] = (("capture", *variable.dims), np.stack(values))
         ds = store.schema.annotate(self._with_metadata(ds))
-        if chunks is None:
-            return ds
-        return ds.chunk({"capture": 1} if isinstance(chunks, str) else dict(chunks))
+        return ds if chunks is None else _chunked(ds, {"capture": 1} if isinstance(chunks, str) else dict(chunks))
 
     def _with_metadata(self, ds: xr.Dataset) -> xr.Dataset:
         table = catalogue.load(self.storage).set_index("id").reindex(list(ds["capture"].values))
@@ -189,6 +187,14 @@ def needed_stages(kind: str, white: str) -> tuple[str, ...]:
     if kind == "scene":
         return KINDS if white == SELF else KINDS[1:]
     return KINDS[:1] if kind == "white" else ()
+
+
+def _chunked(ds: xr.Dataset, chunks: Mapping[Any, int]) -> xr.Dataset:
+    """Dataset whose large variables are dask arrays; metadata are there at once, to be looked at and selected by."""
+    for name, variable in ds.variables.items():
+        if LARGE_DIMS & set(variable.dims) and variable.ndim > 1:
+            ds[name] = ds[name].chunk({dim: size for dim, size in chunks.items() if dim in variable.dims})
+    return ds
 
 
 _FACTS = ("reason", "duplicate_of", "kind", "white")

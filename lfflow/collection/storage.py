@@ -132,6 +132,7 @@ class RemoteStorage:
 
         self.url = url.rstrip("/")
         self._fs, self._base = fsspec.core.url_to_fs(self.url)
+        self._made: set[str] = set()
 
     def _key(self, name: str) -> str:
         return f"{self._base}/{name}"
@@ -142,7 +143,10 @@ class RemoteStorage:
 
     def write(self, name: str, data: bytes, *, durable: bool = True) -> None:  # noqa: ARG002
         """Put the object."""
-        self._fs.makedirs(self._key(name).rpartition("/")[0], exist_ok=True)
+        folder = self._key(name).rpartition("/")[0]
+        if folder not in self._made:
+            self._fs.makedirs(folder, exist_ok=True)
+            self._made.add(folder)
         self._fs.pipe_file(self._key(name), data)
 
     def create(self, name: str, data: bytes) -> bool:
