@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -13,32 +15,44 @@ FloatArray = npt.NDArray[np.float32]
 
 
 def complete_centre(
-    field: MosaicField, disparity: FloatArray, std: FloatArray, *, reach: float = 0.45
+    field: MosaicField,
+    disparity: FloatArray,
+    std: FloatArray,
+    *,
+    within: float = math.inf,
+    reach: float = 0.45,
 ) -> tuple[FloatArray, FloatArray]:
     """Picture and its weight (3, t, s) of the view at aperture point (0, 0).
 
     Sample k of view q was taken at aperture q + rho; with disparity d it lies at k + d·(q + rho) of the central view
     and counts there by a Gaussian of `reach` lens pitches, its confidence, and less where d is uncertain (`std`) and
-    the view far. Where no sample of a colour falls, the weighted mean of the neighbours that have one is taken.
+    the view far. The samples of a colour do not lie evenly about the lens, and how they lie changes from row to row; so
+    their mean is moved to the lens along the picture's slope. Where no sample of a colour falls, the weighted mean of
+    the neighbours that have one is taken.
+    Views farther than `within` from the centre (sensor pixels) are left out.
     """
     rows, columns = disparity.shape
     picture = np.zeros((3, rows, columns), dtype=np.float32)
     weight = np.zeros((3, rows, columns), dtype=np.float32)
+    aside = np.zeros((2, 3, rows, columns), dtype=np.float32)
     known = np.isfinite(disparity)
     d = np.where(known, disparity, 0).astype(np.float32)
     doubt = np.where(known, std, 1).astype(np.float32) ** 2
-    for j, i in np.argwhere((field.cfa != CFA_NONE).any(axis=(2, 3))):
+    for j, i in field.views(0, within):
         view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
         place = np.float32(field.u[i]), np.float32(field.v[j])
         _gather(view, place, field.rho, field.offset, np.float32(field.row_pitch), d, doubt, np.float32(reach), picture,
-                weight)  # fmt: skip
-    picture /= np.maximum(weight, np.float32(1e-12))
+                weight, aside)  # fmt: skip
+    total = np.maximum(weight, np.float32(1e-12))
+    picture /= total
+    aside /= total
     _spread(picture, weight)
+    _centre(picture.copy(), aside, field.offset, np.float32(field.row_pitch), picture)
     return picture, weight
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, picture, weight):  # type: ignore[no-untyped-def]
+def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, picture, weight, aside):  # type: ignore[no-untyped-def]
     """Add the samples of one view to the sums of the colours and of their weights."""
     mosaic, cfa, confidence = view
     u, v = place
@@ -61,6 +75,27 @@ def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, picture, w
             w = confidence[row, column] * np.exp(narrow * far)
             picture[c, t, s] += w * mosaic[row, column]
             weight[c, t, s] += w
+            aside[0, c, t, s] += w * off_x
+            aside[1, c, t, s] += w * off_y
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _centre(start, aside, offset, pitch, picture):  # type: ignore[no-untyped-def]
+    """Take from each value the slope of the picture `start` times how far aside its samples lie on the mean."""
+    colours, rows, columns = start.shape
+    half = np.float32(0.5)
+    for c in range(colours):
+        for t in range(1, rows - 1):
+            up, down = int(offset[t] > offset[t - 1]), int(offset[t] > offset[t + 1])
+            brick = np.int64(offset[t] != offset[t - 1])
+            for s in range(1, columns - 1):
+                left, right = s + up - brick, s + up
+                above = half * (start[c, t - 1, left] + start[c, t - 1, right])
+                left, right = s + down - brick, s + down
+                below = half * (start[c, t + 1, left] + start[c, t + 1, right])
+                across = half * (start[c, t, s + 1] - start[c, t, s - 1])
+                slope = half * (below - above) / pitch
+                picture[c, t, s] -= aside[0, c, t, s] * across + aside[1, c, t, s] * slope
 
 
 @numba.njit(nogil=True, cache=True)

@@ -19,16 +19,16 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.005
+MODEL_ERROR = 0.003
 """What stays without noise: interpolation between lenses and the slope of surfaces inside a block (simulated F01)."""
-NOISE_FACTOR = 1.8
+NOISE_FACTOR = 1.4
 """Measured over predicted error: neighbours share the completed picture, so their residuals are not independent."""
-STEP_SHARE = 0.14
+STEP_SHARE = 0.12
 """Error per difference of the disparities within two lenses."""
 STEP = 0.08
 """Half the difference of the disparities within two lenses beyond which a place may belong to either side."""
 TEXTURELESS = 0.05
-"""Predicted std beyond which the picture does not tell the disparity."""
+"""Predicted std, from what has the lens's own colour, beyond which the picture does not tell its disparity."""
 
 
 def half_range(disparity: FloatArray, reach: int = 2) -> FloatArray:
@@ -54,7 +54,7 @@ def error_map(better: Refined, known: npt.NDArray[np.bool_], saturated: npt.NDAr
     parts = MODEL_ERROR**2 + (NOISE_FACTOR * better.predicted) ** 2 + (STEP_SHARE * step) ** 2
     std = np.where(known, np.sqrt(parts), np.nan).astype(np.float32)
     flags = np.where(known, 0, NO_DATA).astype(np.uint8)
-    flags[known & (NOISE_FACTOR * better.predicted > TEXTURELESS)] |= LOW_TEXTURE
+    flags[known & (better.own > TEXTURELESS)] |= LOW_TEXTURE
     flags[known & (step > STEP)] |= OCCLUDED
     flags[saturated] |= SATURATED
     return std, flags

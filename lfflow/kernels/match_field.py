@@ -14,9 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
-from lfflow.kernels.aggregate import fill, regularise
+from lfflow.kernels.aggregate import regularise
 from lfflow.kernels.completion import complete_centre
-from lfflow.kernels.error_map import FILLED, LOW_TEXTURE, error_map, half_range
+from lfflow.kernels.diffuse import diffuse
+from lfflow.kernels.edge_place import place_edges
+from lfflow.kernels.error_map import FILLED, LOW_TEXTURE, STEP, TEXTURELESS, error_map, half_range
 from lfflow.kernels.fusion import Fusion, fuse_costs
 from lfflow.kernels.model_cost import model_costs
 from lfflow.kernels.mosaic_field import MosaicField
@@ -33,10 +35,24 @@ FIRST_RANGE = 1.0
 WIDEST_RANGE = 4.0
 SECOND_STEP = 0.0625
 LONGEST = 4
-TEXTURED = 0.75
-"""The range is judged at the places with more contrast than this share of all."""
-PRESSED = 0.05
-"""Share of those places that may lie at the border before the range is doubled."""
+PRESSED = 0.04
+"""Share of the clear places that may lie at the border before the range is doubled."""
+INNER, OUTER, RIM = 0.58, 0.73, 1.09
+"""Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (0.7, 4.0)
+"""Price of a change by one step and of a jump, in units of the cost of what fits."""
+EDGE = 4.5
+"""Change of the picture (mean over the colours), in units of a sample's noise, that makes jumps 2.7 times cheaper."""
+PAIR_NOISE = 1.2
+"""Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
+CLEAR = 4.0
+"""A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
+COMPANY = 6
+"""Trusted places within two lenses, itself among them, that a trusted place needs."""
+KEPT = 0.3
+"""What a place that is just without texture keeps of its own disparity, against 1 for each neighbour."""
+LEAST_KNOWN = 0.3
+"""Largest standard deviation that is stated, lens pitches per view step."""
 READ_LEVEL = 0.005
 """Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
 CLIPPED_WEIGHT = 0.02
@@ -63,22 +79,53 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
     level = field._replace(mosaic=even_noise(field))
-    found = _first_pass(level, options)
-    picture, _ = complete_centre(level, found, _doubt(found, 3))
+    found, noise = _first_pass(level, options)
     if options.second_pass:
-        found = _second_pass(level, picture, found, options)
-        picture, _ = complete_centre(level, found, _doubt(found, 2))
-    better = refine(level, picture, found)
+        found = _second_pass(level, found, noise, options)
+    picture, _ = complete_centre(level, found, _doubt(found, 2))
+    better = refine(level, picture, found, limit=4.5 * noise, alike=4 * noise, radius=field.aperture())
+    if options.second_pass and options.regularise:
+        placed = place_edges(better.disparity, picture, field.offset, field.row_pitch, contrast=4 * noise)
+        better = better._replace(disparity=placed)
     known = np.isfinite(found) & inside(field)
     std, flags = error_map(better, known, (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT))
     disparity = np.where(known, better.disparity, np.nan).astype(np.float32)
     if options.regularise:
-        doubtful = known & ((flags & LOW_TEXTURE) > 0)
-        filled = fill(disparity, std, known & ~doubtful, np.moveaxis(picture, 0, -1), brick=_is_brick(field))
-        replaced = doubtful & np.isfinite(filled)
-        disparity = np.where(replaced, filled, disparity)
-        flags[replaced] |= FILLED
+        disparity = _filled(disparity, std, flags, better.own, np.moveaxis(picture, 0, -1), field, EDGE * noise)
     return disparity, std, flags
+
+
+def _filled(
+    disparity: FloatArray,
+    std: FloatArray,
+    flags: ByteArray,
+    own: FloatArray,
+    guide: FloatArray,
+    field: MosaicField,
+    edge: float,
+) -> FloatArray:
+    """Disparity whose places without texture are filled from trusted ones; `std` and `flags` are told of it."""
+    known = np.isfinite(disparity)
+    trusted = _not_alone(disparity, known & ((flags & LOW_TEXTURE) == 0))
+    doubtful = known & ~trusted
+    weight = np.where(doubtful, KEPT * (TEXTURELESS / np.maximum(own, TEXTURELESS)) ** 2, 0)
+    smooth = diffuse(disparity, trusted, weight.astype(np.float32), guide, field.offset, edge=edge)
+    flags[doubtful] |= FILLED
+    std[doubtful] = np.maximum(std[doubtful], np.minimum(own[doubtful], LEAST_KNOWN))
+    return smooth
+
+
+def _not_alone(disparity: FloatArray, trusted: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Those of the trusted places that have trusted company of about the same disparity within two lenses."""
+    company = np.zeros(disparity.shape, dtype=np.int64)
+    padded, there = np.pad(disparity, 2), np.pad(trusted, 2)
+    rows, columns = disparity.shape
+    for down in range(5):
+        for right in range(5):
+            other = (slice(down, down + rows), slice(right, right + columns))
+            with np.errstate(invalid="ignore"):
+                company += there[other] & (np.abs(padded[other] - disparity) < STEP)
+    return trusted & (company >= COMPANY)
 
 
 def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
@@ -108,7 +155,8 @@ def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
     return sorted(support, key=lambda pair: -support[pair])[:4]
 
 
-def _first_pass(field: MosaicField, options: Matching) -> FloatArray:
+def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, float]:
+    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample."""
     pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
     longest = max(max(abs(a), abs(b)) for a, b in pairs)
     reach = FIRST_RANGE
@@ -119,29 +167,46 @@ def _first_pass(field: MosaicField, options: Matching) -> FloatArray:
         costs = np.stack(each(cost, pairs, options.threads))
         fused = fuse_costs(costs, labels, options.fusion)
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
-        if options.hypotheses is not None or reach >= WIDEST_RANGE:
-            return found
-        if not _presses(fused, found, reach - 1 / longest):
-            return found
-        reach *= 2
+        clear = _is_clear(fused, found) & inside(field)
+        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(found[clear], reach - 1 / longest):
+            reach *= 2
+            continue
+        if options.hypotheses is None and clear.any():
+            found = np.clip(found, *_span(found[clear]))
+        return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
 
 
-def _presses(cost: FloatArray, found: FloatArray, border: float) -> bool:
-    """Whether disparities lie at the border of the range at the places with the most contrast."""
-    contrast = np.where(np.isfinite(cost).all(axis=0), cost.mean(axis=0), np.nan)
-    if not np.isfinite(contrast).any():
-        return False
-    clear = (contrast > np.nanquantile(contrast, TEXTURED)) & np.isfinite(found)
-    return bool(clear.any()) and float(np.mean(np.abs(found[clear]) > border)) > PRESSED
+def _is_clear(cost: FloatArray, found: FloatArray) -> npt.NDArray[np.bool_]:
+    """Places (t, s) whose block has enough texture for its smallest cost to stand out of the noise."""
+    known = np.isfinite(cost)
+    mean = np.where(known, cost, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    least = np.where(known, cost, np.inf).min(axis=0)
+    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0) & np.isfinite(found))
 
 
-def _second_pass(field: MosaicField, picture: FloatArray, first: FloatArray, options: Matching) -> FloatArray:
+def _presses(found: FloatArray, border: float) -> bool:
+    """Whether disparities of clear places lie at the border of the range."""
+    return bool(found.size) and float(np.mean(np.abs(found) > border)) > PRESSED
+
+
+def _span(found: FloatArray) -> tuple[float, float]:
+    """Range of the disparities of clear places, a little wider."""
+    low, high = np.quantile(found, (0.01, 0.99))
+    return float(low) - 0.15, float(high) + 0.15
+
+
+def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: Matching) -> FloatArray:
+    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`."""
     if not np.isfinite(first).any():
         return first
-    low, high = np.nanquantile(first, (0.005, 0.995))
-    labels = _labels(options, SECOND_STEP, (low - 0.1, high + 0.1))
-    costs = model_costs(field, picture, labels, threads=options.threads)
-    found = _decide(fuse_costs(costs, labels, options.fusion), labels, picture, options, brick=_is_brick(field))
+    labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
+    radius, doubt = field.aperture(), _doubt(first, 3)
+    inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
+    outer = field.views(OUTER * radius, RIM * radius)
+    costs = model_costs(field, inner, labels, views=outer, limit=2.7 * noise, threads=options.threads)
+    guide, _ = complete_centre(field, first, doubt)
+    fused = fuse_costs(costs, labels, options.fusion)
+    found = _decide(fused, labels, guide, options, edge=EDGE * noise, brick=_is_brick(field))
     return np.where(np.isfinite(found), found, first).astype(np.float32)
 
 
@@ -154,13 +219,29 @@ def _labels(options: Matching, step: float, span: tuple[float, float]) -> npt.ND
 
 
 def _decide(
-    cost: FloatArray, labels: npt.NDArray[np.float64], picture: FloatArray | None, options: Matching, *, brick: bool
+    cost: FloatArray,
+    labels: npt.NDArray[np.float64],
+    picture: FloatArray | None,
+    options: Matching,
+    *,
+    brick: bool,
+    edge: float = 1.0,
 ) -> FloatArray:
     if not options.regularise:
         return minimum(cost, labels, options.cost_interpolation)[0]
+    penalties = dict(zip(("small", "large"), FIRST_PENALTIES if picture is None else SECOND_PENALTIES, strict=True))
     guide = None if picture is None else np.moveaxis(picture, 0, -1)
-    edge = {"small": 0.15, "large": 1.0} if picture is None else {"small": 0.15, "large": 1.0, "edge": 0.05}
-    return regularise(cost, labels, guide, None, brick=brick, **edge)
+    return regularise(cost, labels, guide, None, brick=brick, edge=edge, scale=noise_level(cost), **penalties)
+
+
+def noise_level(cost: FloatArray) -> float:
+    """What a cost (hypothesis, t, s) is where it fits: the lower quartile over the places of their smallest cost.
+
+    Unlike the contrast of the costs it depends on the noise alone, not on how much texture a picture has.
+    """
+    least = np.where(np.isfinite(cost), cost, np.inf).min(axis=0)
+    least = least[np.isfinite(least)]
+    return max(float(np.quantile(least, 0.25)), 1e-6) if least.size else 1e-6
 
 
 def _doubt(disparity: FloatArray, reach: int) -> FloatArray:

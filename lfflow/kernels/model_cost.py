@@ -7,6 +7,8 @@ diagonal baselines count as much as horizontal ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -21,13 +23,11 @@ MARGIN = 4
 """Rows and columns around the picture: a place is at most ½ + |d|/2 away from the lens."""
 
 
-def sectors(u: npt.NDArray[np.int64], v: npt.NDArray[np.int64], *, shortest: float, count: int = 4
-            ) -> npt.NDArray[np.int64]:  # fmt: skip
-    """Sector 0 … count−1 of the aperture of each view (v, u) by direction, −1 nearer to the centre than `shortest`."""
+def sectors(u: npt.NDArray[np.int64], v: npt.NDArray[np.int64], count: int = 4) -> npt.NDArray[np.int64]:
+    """Sector 0 … count−1 of the aperture of each view (v, u) by direction."""
     across, down = np.meshgrid(u, v)
     angle = np.arctan2(down, across) / (2 * np.pi)
-    sector = np.floor((angle * count + 0.5) % count).astype(np.int64)
-    return np.where(np.hypot(across, down) >= shortest, sector, -1)
+    return np.floor((angle * count + 0.5) % count).astype(np.int64)
 
 
 def model_costs(
@@ -35,44 +35,40 @@ def model_costs(
     picture: FloatArray,
     hypotheses: npt.NDArray[np.floating],
     *,
+    views: Sequence[tuple[int, int]] | None = None,
     sigma: float = 0.6,
-    shortest: float = 2.0,
     count: int = 4,
     limit: float = 0.03,
-    thin: int = 1,
     threads: int = 1,
 ) -> FloatArray:
     """Mean truncated absolute difference (sector, hypothesis, t, s) of the samples from `picture` (3, t, s).
 
     Parameters
     ----------
+    views
+        Places (v, u) in the arrays of the views that are compared; all by default. Those that made the picture had
+        better not be among them: a sample agrees with itself where the picture was put together, and there alone.
     sigma
         Gaussian block, lens pitches.
-    shortest
-        Views nearer to the centre than this are left out.
     count
         Sectors of the aperture: an edge hides a point from one side only.
     limit
         A squared difference saturates about the square of this.
-    thin
-        One of `thin` views is used, spread so that all colours and directions stay.
     threads
         Hypotheses that are worked on at a time.
     """
-    group = sectors(field.u, field.v, shortest=shortest, count=count)
+    group = sectors(field.u, field.v, count)
     rows, columns = picture.shape[1:]
     blocks = block_weights(sigma, field.row_pitch, brick=bool(field.offset.max() > 0))
     out = np.empty((count, len(hypotheses), rows, columns), dtype=np.float32)
     padded = np.pad(np.moveaxis(picture, 0, -1), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), mode="edge")
-    chosen = np.add.outer(2 * field.v, field.u) % thin == 0
-    seen = (field.cfa != CFA_NONE).any(axis=(2, 3)) & (group >= 0) & chosen
-    views = [(j, i) for j, i in np.argwhere(seen)]
+    compared = field.views() if views is None else views
 
     def one_hypothesis(h: int) -> None:
         d = hypotheses[h]
         error = np.zeros((count, rows, columns), dtype=np.float32)
         weight = np.zeros((count, rows, columns), dtype=np.float32)
-        for j, i in views:
+        for j, i in compared:
             view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
             step = np.float32(d), np.float32(d * field.u[i]), np.float32(d * field.v[j] / field.row_pitch)
             _errors(view, field.rho, step, field.offset, np.float32(field.row_pitch), padded, np.float32(limit**2),

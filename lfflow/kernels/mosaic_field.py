@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +51,18 @@ class MosaicField(NamedTuple):
             raise ValueError(f"no view u={u}, v={v}: the field has u {self.u.tolist()}, v {self.v.tolist()}")
         at = (rows[0], columns[0])
         return self.mosaic[at], self.cfa[at], self.weight[at]
+
+    def views(self, nearest: float = 0, farthest: float = math.inf) -> list[tuple[int, int]]:
+        """Places (v, u) in the arrays of the views with a sample, `nearest` ≤ distance from the centre < `farthest`."""
+        away = np.hypot(*np.meshgrid(self.v, self.u, indexing="ij"))
+        wanted = (self.cfa != CFA_NONE).any(axis=(2, 3)) & (away >= nearest) & (away < farthest)
+        return [(int(j), int(i)) for j, i in np.argwhere(wanted)]
+
+    def aperture(self) -> float:
+        """Radius of the aperture, sensor pixels: that of the even disc with the second moment of the views' weight."""
+        light = self.weight.sum(axis=(2, 3), dtype=np.float64)
+        square = np.add.outer(self.v**2, self.u**2)
+        return float(np.sqrt(2 * (light * square).sum() / max(light.sum(), 1e-12)))
 
     def has(self, u: int, v: int) -> bool:
         """Whether the field holds this view."""
