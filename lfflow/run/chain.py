@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,13 +29,16 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class StageInput:
-    """What a stage may use: the raw frame, the results of the stages before it, the group's grid, the cores it has."""
+    """What a stage may use: the raw frame, the results of the stages before it, the group's grid, the cores it has, and
+    the dark images of the camera, which are read one by one as they are asked for.
+    """  # noqa: D205
 
     raw: xr.Dataset | None
     results: Mapping[str, xr.Dataset]
     grid: Grid | None
     parameters: Parameters
     threads: int = 1
+    darks: Iterable[xr.Dataset] = ()
 
     @property
     def frame(self) -> xr.Dataset:
@@ -61,6 +64,8 @@ class Stage:
         From its input to its result, a dataset of one capture.
     reads_raw
         Whether it uses the raw frame.
+    uses_darks
+        Whether it uses the dark images of the camera.
     tables
         Tables of the configuration and the function whose keyword arguments each sets.
     work
@@ -81,6 +86,7 @@ class Stage:
     stored_per_pixel: float = 0.0
     seconds_per_megapixel: float = 0.0
     reads_raw: bool = True
+    uses_darks: bool = False
 
     def keywords(self, table: str) -> tuple[str, ...]:
         """Keyword arguments that a table of the configuration may set."""
@@ -89,7 +95,7 @@ class Stage:
         own = [
             p.name for p in inspect.signature(function).parameters.values() if p.default is not inspect.Parameter.empty
         ]
-        return tuple(name for name in own if name not in ("shape", "radius", "threads"))
+        return tuple(name for name in own if name not in ("shape", "radius", "threads", "defects"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +155,15 @@ def open_damaged_lfp(path: str) -> xr.Dataset:
 def _calibration(given: StageInput) -> xr.Dataset:
     from lfflow.stages.calibrate import calibrate
 
-    return calibrate(given.frame, **given.parameters.get("calibration", {}))
+    return calibrate(given.frame, defects=_defects(given.darks), **given.parameters.get("calibration", {}))
+
+
+def _defects(darks: Iterable[xr.Dataset]) -> xr.DataArray | None:
+    """Pixels that the dark images agree on."""
+    from lfflow.stages.defects import dark_defects, defect_counts, defect_map
+
+    flags = [dark_defects(dark).compute().reset_coords(drop=True) for dark in darks]
+    return defect_map(defect_counts(xr.concat(flags, "capture"))) if flags else None
 
 
 def _lightfield(given: StageInput) -> xr.Dataset:
@@ -179,7 +193,7 @@ CHAIN = Chain(
     open_lfp,
     (
         Stage("calibration", 2, CALIBRATION, (), _calibration,
-              {"calibration": "lfflow.stages.calibrate:calibrate"}, calibration_work, 1.0, 0.2),
+              {"calibration": "lfflow.stages.calibrate:calibrate"}, calibration_work, 1.0, 0.2, uses_darks=True),
         Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
               {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, lightfield_work, 4.0, 0.2),
         Stage("disparity", 1, DISPARITY, ("lightfield",), _disparity,

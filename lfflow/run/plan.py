@@ -14,6 +14,7 @@ from lfflow.collection.collection import needed_stages
 from lfflow.collection.records import FAILED, canonical
 from lfflow.collection.whites import SELF
 from lfflow.run.chain import Chain, Grid, Parameters, Stage
+from lfflow.run.darks import Dark, darks_by_camera
 
 RUN, SKIP, FAILED_BEFORE, BLOCKED = "run", "skip", "failed", "blocked"
 
@@ -51,6 +52,7 @@ class Job:
     kind: str
     grid: Grid | None
     steps: tuple[Step, ...]
+    darks: tuple[Dark, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,7 @@ class Planner:
         self._request = request
         self._grids = grids
         self._table = collection.catalogue_rows().set_index("id", drop=False)
+        self._darks = darks_by_camera(self._table)
         self._done = {stage.name: collection.ledger.fingerprints(stage.name) for stage in chain.stages}
         self._failed = {stage.name: collection.ledger.records(stage.name, FAILED) for stage in chain.stages}
 
@@ -110,9 +113,10 @@ class Planner:
                 steps.append(self._step(self._chain[name], row, grid, steps))
         if not steps:
             return None
+        darks = self._darks_of(row) if any(self._chain[step.stage].uses_darks for step in steps) else ()
         return Job(str(row["id"]), str(row["path"]), int(row["size"]), int(row["mtime_ns"]), str(row["sha256"]),
                    str(row["group"]), int(row["height"]), int(row["width"]), str(row["kind"]), grid,
-                   tuple(steps))  # fmt: skip
+                   tuple(steps), darks)  # fmt: skip
 
     def _step(self, stage: Stage, row: pd.Series, grid: Grid | None, before: list[Step]) -> Step:
         capture = str(row["id"])
@@ -126,7 +130,7 @@ class Planner:
         parameters = {table: self._request.config[table] for table in stage.tables if table in self._request.config}
         shape = grid if stage.name != "calibration" else None
         hashes = {name: value for name, (_, value) in upstream.items()}
-        mark = fingerprint(stage, parameters, _source(row), shape, hashes)
+        mark = fingerprint(stage, parameters, self._source(stage, row), shape, hashes)
         action, why = self._decide(stage, capture, mark, before)
         return Step(stage.name, capture, mark, action, why, parameters, upstream)
 
@@ -134,7 +138,15 @@ class Planner:
         """Fingerprint of a white image's calibration under the present parameters."""
         stage = self._chain["calibration"]
         parameters = {table: self._request.config[table] for table in stage.tables if table in self._request.config}
-        return fingerprint(stage, parameters, _source(pd.Series(self._table.loc[white])), None, {})
+        return fingerprint(stage, parameters, self._source(stage, pd.Series(self._table.loc[white])), None, {})
+
+    def _darks_of(self, row: pd.Series) -> tuple[Dark, ...]:
+        return self._darks.get((str(row["group"]), str(row["camera_serial"])), ())
+
+    def _source(self, stage: Stage, row: pd.Series) -> str:
+        """The input of a stage: what the file holds, what that is taken for, and the dark images that it is given."""
+        darks = self._darks_of(row) if stage.uses_darks else ()
+        return " ".join([str(row["kind"]), str(row["sha256"]), *(dark.sha256 for dark in darks)])
 
     def _decide(self, stage: Stage, capture: str, mark: str, before: list[Step]) -> tuple[str, str]:
         blocker = next((s for s in before if s.stage in stage.upstream and s.action in (FAILED_BEFORE, BLOCKED)), None)
@@ -158,11 +170,6 @@ class Planner:
         if done is None:
             return RUN, "not done yet"
         return RUN, f"done with other input, parameters or version ({stage.name} is at version {stage.version})"
-
-
-def _source(row: pd.Series) -> str:
-    """The input of a stage: what the file holds, and what that is taken for."""
-    return f"{row['kind']} {row['sha256']}"
 
 
 def as_rows(jobs: list[Job]) -> list[dict[str, Any]]:

@@ -27,6 +27,7 @@ from lfflow.collection.records import DAMAGED, DONE, FAILED, Record
 from lfflow.collection.storage import explain
 from lfflow.errors import CollectionError, FormatError, LfflowError
 from lfflow.run.chain import Chain, Stage, StageInput
+from lfflow.run.darks import Dark
 from lfflow.run.plan import BLOCKED, FAILED_BEFORE, SKIP, Job, Step
 
 _log = logging.getLogger(__name__)
@@ -122,17 +123,26 @@ def lost(work: Work, reason: str) -> tuple[Status, ...]:
 
 
 class _Frame:
-    """The raw frame of a job, read once, when the first stage asks for it."""
+    """The raw frame of a job, read once, when the first stage asks for it, and the dark images of its camera."""
 
     def __init__(self, chain: Chain, job: Job) -> None:
         self._chain, self._job = chain, job
 
     @functools.cached_property
     def raw(self) -> xr.Dataset:
-        if file_state(self._job.path) != (self._job.size, self._job.mtime_ns):
-            raise CollectionError(f"{self._job.path} has changed since it was scanned")
-        with self._chain.open_raw(self._job.path) as raw:
-            return raw.load().assign_coords(capture=self._job.capture, kind=self._job.kind)
+        job = self._job
+        return self._read(job).assign_coords(capture=job.capture, kind=job.kind)
+
+    def darks(self) -> Iterator[xr.Dataset]:
+        """Dark images of the camera, one in memory at a time."""
+        for dark in self._job.darks:
+            yield self._read(dark)
+
+    def _read(self, file: Job | Dark) -> xr.Dataset:
+        if file_state(file.path) != (file.size, file.mtime_ns):
+            raise CollectionError(f"{file.path} has changed since it was scanned")
+        with self._chain.open_raw(file.path) as raw:
+            return raw.load()
 
 
 def _perform_step(collection: Collection, work: Work, step: Step, frame: _Frame, before: list[Status]) -> Status:
@@ -163,11 +173,12 @@ def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame:
     """Compute, write the region, flush it, write the record: in this order, under the lease."""
     job, threads = work.job, work.threads
     raw = frame.raw if stage.reads_raw else None
+    darks = frame.darks() if stage.uses_darks else ()
     results = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
     missing = [name for name in stage.upstream if name not in results]
     if missing:
         raise BlockedError(f"{stage.name} of {job.capture} has no {missing[0]}")
-    result = stage.function(StageInput(raw, results, job.grid, step.parameters, threads))
+    result = stage.function(StageInput(raw, results, job.grid, step.parameters, threads, darks))
     result = stage.schema.check(result.compute(), f"result of {stage.name} of {job.capture}")
     with _writing():
         store = collection.store(stage.name)
