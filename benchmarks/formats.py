@@ -120,12 +120,13 @@ def scanning(folder: Path) -> None:
         shutil.copyfile(source, path)
     for what, paths in (("in the page cache", warm), ("from the disk", cold)):
         size = len(paths) * source.stat().st_size / 1e6
-        read, hashed, scanned = (wall(work, paths, cores, forget=paths is cold) for work in (slurp, digest, look))
-        bound = max(read, hashed)
-        print(f"\n{f'{len(paths)} files, {size:.0f} MB, {what}':44} {'wall s':>8} {'MB/s':>8} {'to bound':>9}")
-        rows = (("read", read), ("sha256", hashed), ("open + sha256: what a scan does", scanned))
-        for name, seconds in rows:
-            print(f"{f'{name} ({cores} threads)':44} {seconds:8.2f} {size / seconds:8.0f} {seconds / bound:9.2f}")
+        timed = [spent(work, paths, cores, forget=paths is cold) for work in (slurp, digest, look)]
+        bounds = [max(column) for column in zip(*timed[:2], strict=True)]
+        head = f"{'wall s':>8} {'MB/s':>6} {'to bound':>9} {'CPU s':>7} {'to bound':>9}"
+        print(f"\n{f'{len(paths)} files, {size:.0f} MB, {what}':44} {head}")
+        for name, (wall, cpu) in zip(("read", "sha256", "open + sha256: what a scan does"), timed, strict=True):
+            row = f"{wall:8.2f} {size / wall:6.0f} {wall / bounds[0]:9.2f} {cpu:7.2f} {cpu / bounds[1]:9.2f}"
+            print(f"{f'{name} ({cores} threads)':44} {row}")
 
 
 def slurp(path: Path) -> None:
@@ -144,20 +145,21 @@ def look(path: Path) -> str:
     return digest(path)
 
 
-def wall(work: Callable[[Path], object], paths: list[Path], threads: int, *, forget: bool) -> float:
-    """Least wall seconds of work over all paths; with `forget`, each time from the disk and not from memory."""
-    seconds = []
+def spent(work: Callable[[Path], object], paths: list[Path], threads: int, *, forget: bool) -> tuple[float, float]:
+    """Least wall and CPU seconds of work over all paths; with `forget`, each time from the disk and not from memory."""
+    walls, cpus = [], []
     for _ in range(3):
         if forget:
             for path in paths:
                 with path.open("rb") as file:
                     os.fsync(file.fileno())
                     os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(work, paths))
-        seconds.append(time.perf_counter() - begin)
-    return min(seconds)
+        walls.append(time.perf_counter() - begin)
+        cpus.append(time.process_time() - used)
+    return min(walls), min(cpus)
 
 
 def main() -> None:
