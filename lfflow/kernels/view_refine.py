@@ -55,6 +55,12 @@ class _Lines:
     margin: int
     threads: int
 
+    def thinned(self) -> _Lines:
+        """Every other view, as on a chessboard: near enough for a step that another follows."""
+        chosen = (self.u + self.v) % 2 == 0
+        views = np.ascontiguousarray(self.views[chosen])
+        return _Lines(views, self.u[chosen], self.v[chosen], self.margin, self.threads)
+
     def fit(self, disparity: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Step, curvature and mean squared residual (t, s) at the present disparity."""
         views = range(len(self.u))
@@ -68,7 +74,7 @@ class _Lines:
         each(band, bands(disparity.shape[0]), self.threads)
         curvature, slope, residual = sums
         step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
-        return step, curvature, residual
+        return step.astype(np.float32), curvature, residual
 
 
 def _lines(field: ViewField, largest: float, threads: int) -> _Lines:
@@ -99,10 +105,10 @@ def refine(
     """
     lines = _lines(field, largest, threads)
     disparity = np.asarray(start, dtype=np.float32)
-    for _ in range(rounds):
-        step, curvature, residual = lines.fit(disparity, noise)
+    for left in reversed(range(rounds)):
+        step, curvature, residual = (lines if left == 0 else lines.thinned()).fit(disparity, noise)
         noise = max(float(np.median(residual)), 1e-9)
-        information = curvature / np.maximum(residual, np.float32(noise))
-        own = disparity + step
-        disparity = fit_surface(own, information / 2, disparity, field.guide, stiffness=stiffness)
+        information = (curvature / np.maximum(residual, noise)).astype(np.float32)
+        own: FloatArray = disparity + step
+        disparity = fit_surface(own, information * np.float32(0.5), disparity, field.guide, stiffness=stiffness)
     return Refined(disparity, own, information, residual, noise)
