@@ -19,6 +19,7 @@ import xarray as xr
 from lfflow.cameras import F01
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_variables
+from lfflow.simulate import simulate_capture, simulate_white
 from lfflow.stages.demultiplex import demultiplex
 
 PEERS = {"LFToolbox": 57.0, "plenpy": 19.0, "plenopticam": 93.0}
@@ -45,6 +46,22 @@ def capture() -> tuple[xr.Dataset, xr.Dataset]:
     return raw, cal
 
 
+def sharpness() -> dict[str, tuple[float, float]]:
+    """Rms and mean relative distance of either method's samples from the simulated radiance of the views."""
+    raw, truth = simulate_capture(height=700, width=700, noise=False, views=range(-3, 4))
+    _, white = simulate_white(height=700, width=700, noise=False)
+    inner = {"t": slice(3, -3), "s": slice(3, -3)}
+    rgb = truth["rgb"].transpose("v", "u", "t", "s", "channel").isel(inner).values
+    found = {}
+    for method in ("nearest", "interpolated"):
+        lf = demultiplex(raw, white.rename(defects="pixel_flags"), radius=3, method=method).isel(inner)
+        cfa = lf["cfa"].values
+        truth_of_colour = np.take_along_axis(rgb, np.minimum(cfa, 2)[..., None].astype(int), -1)[..., 0]
+        error = ((lf["mosaic"].values - truth_of_colour) / truth_of_colour.mean())[cfa != 255]
+        found[method] = float(np.sqrt(np.mean(error**2))), float(error.mean())
+    return found
+
+
 def best(function: Callable[[], object], repeats: int = 7) -> float:
     seconds = []
     for _ in range(repeats):
@@ -66,9 +83,13 @@ def main() -> None:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         output = sum(lf[name].nbytes for name in ("mosaic", "cfa", "weight"))
+        moved = best(lambda r=radius: demultiplex(raw, cal, radius=r, method="interpolated"), repeats=2)
         views = (2 * radius + 1) ** 2
         print(f"{views:4d} views: {spent:.3f} CPU s, memcpy {copied:.3f} CPU s, ratio {spent / copied:.1f}; "
-              f"peak memory {peak / output:.2f} x the output of {output / 1e6:.0f} MB")  # fmt: skip
+              f"interpolated {moved / copied:.1f}; peak memory {peak / output:.2f} x the output of "
+              f"{output / 1e6:.0f} MB")  # fmt: skip
+    for method, (rms, bias) in sharpness().items():
+        print(f"{method:12} {100 * rms:.2f} % rms from the radiance at (u, v), views to ±3, mean {100 * bias:+.3f} %")
     for peer, seconds in PEERS.items():
         print(f"{peer:12} {seconds:6.0f} CPU s (81 views)")
 

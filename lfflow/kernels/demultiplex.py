@@ -141,7 +141,7 @@ class _Cells(NamedTuple):
 _HALF_HEIGHT = math.sqrt(3) / 2
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, forceinline=True)
 def owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: no cover - compiled
     """Lens (t, s) nearest to a point in lens pitches: `Lattice.nearest`, operation by operation."""
     if not hexagonal:
@@ -158,7 +158,7 @@ def owner(gx: float, gy: float, hexagonal: bool) -> tuple[int, int]:  # pragma: 
     return t, s
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, forceinline=True)
 def _owner_of_pixel(x, y, cells):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Lens (t, s) of a sensor pixel; on a bent lattice, of where the pixel would be were it straight."""
     cos, sin, dh, dv, cx, cy = cells.turn
@@ -205,7 +205,7 @@ def _radiance(x, y, frame):  # type: ignore[no-untyped-def]  # pragma: no cover 
     return (np.float32(frame.raw[y, x]) - black[i, j]) * gain[i, j] / frame.vignetting[y, x]
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, forceinline=True)
 def _neighbour(x, y, t, s, frame, cells):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Radiance of a pixel of the same subimage, NaN where it cannot be used."""
     if y < 0 or x < 0 or y >= frame.raw.shape[0] or x >= frame.raw.shape[1]:
