@@ -115,6 +115,7 @@ class Collection:
             "capture": capture,
             "path": str(row["path"]),
             "kind": str(row["kind"]),
+            "judged_by": str(row["judged_by"]),
             "white": str(row["white"]),
             "white_reason": reason(row, found) if row["kind"] == "scene" else "",
             "failure": str(row["failure"]),

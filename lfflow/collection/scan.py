@@ -119,8 +119,9 @@ class _Reader:
             with self.open_raw(path) as raw:
                 return row | _metadata(raw, path, row["told_kind"])
         except (LfflowError, OSError, ValueError, KeyError, TypeError) as error:
-            _log.warning("%s: %s", path, error)
-            return row | {"reason": _words(error, path)}
+            reason = _words(error, path)
+            _log.info("%s: %s", path, reason)
+            return row | {"reason": reason}
 
 
 def _is_whole(known: Row) -> bool:

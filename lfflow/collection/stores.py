@@ -235,6 +235,9 @@ class Store:
             array[slot] = values
 
         given = [v for v in self._regions(only) if v.required or v.name in ds.variables]
+        # Not written over: zarr reads what is there of a shard, and would stumble over one that is rotten.
+        for name in self.region_files(group, slot, only=only):
+            self.storage.remove(name)
         each(one, given, threads)
         files = self.region_files(group, slot, only=only)
         self.storage.flush(files)

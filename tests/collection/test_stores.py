@@ -136,3 +136,16 @@ def test_nothing_that_is_not_finished_is_shown(tmp_path):
     collection.store("lightfield").ensure(GROUP, SIZES, ["A", "B", "C"])
     collection.ledger.remove("lightfield", "A")
     assert list(collection.open("lightfield")["capture"].values) == ["B"]
+
+
+@pytest.mark.parametrize("place", [0, -1], ids=["first byte", "index of the shard"])
+def test_a_region_is_written_anew_whatever_is_left_of_the_old_one(tmp_path, place):
+    collection = finish(tmp_path, "A")
+    before = {name: content for name, (_, content) in chunks(tmp_path).items()}
+    for name, content in before.items():
+        damaged = bytearray(content)
+        damaged[place] ^= 1
+        Path(name).write_bytes(damaged)
+    store = collection.store("lightfield")
+    store.write(GROUP, 0, lightfield(ord("A") % 97 + 1))
+    assert {name: content for name, (_, content) in chunks(tmp_path).items()} == before
