@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.demultiplex import round_to_pixel
+from lfflow.distortion import STRAIGHT, Distortion
+from lfflow.kernels.demultiplex import residuals
 from lfflow.kernels.gather import Rule, Samples, Targets, gather
 from lfflow.kernels.guided import fill_colours
 from lfflow.kernels.surface_colour import read_surface, surface_places
@@ -56,14 +57,15 @@ class Surface(NamedTuple):
     disparity: Array
 
 
-def prepare(fields: Sequence[Array], axes: Sequence[Array], lattice: Lattice) -> Capture:
+def prepare(
+    fields: Sequence[Array], axes: Sequence[Array], lattice: Lattice, distortion: Distortion = STRAIGHT
+) -> Capture:
     """Capture of the fields (v, u, t, s) mosaic, cfa, weight, disparity and its standard deviation.
 
     `axes` are the coordinates v, u, t, s. Views much dimmer than the brightest take no part in others.
     """
     mosaic, cfa, weight, disparity = (np.ascontiguousarray(field) for field in fields[:4])
     v, u, t, s = axes
-    x, y = lattice.centres(np.asarray(t)[:, np.newaxis], s)
     at_v, at_u = np.meshgrid(v, u, indexing="ij")
     light = np.nanmean(np.where(cfa[..., ::7, ::7] < 3, weight[..., ::7, ::7], 0), axis=(2, 3))
     value, confidence, own, colour = (f.reshape(-1, *f.shape[2:]) for f in (mosaic, weight, disparity, cfa))
@@ -72,7 +74,7 @@ def prepare(fields: Sequence[Array], axes: Sequence[Array], lattice: Lattice) ->
         confidence,
         own,
         colour,
-        np.stack([round_to_pixel(x) - x, round_to_pixel(y) - y]).astype(np.float32),
+        np.stack(residuals(lattice, t, s, distortion)).astype(np.float32),
         np.stack([at_u.ravel(), at_v.ravel()], axis=1).astype(np.float32),
         np.flatnonzero(light > _DIM * light.max()),
         np.array([lattice.row_pitch, lattice.row_offset(1), int(t[0]) % 2], dtype=np.float32),

@@ -10,12 +10,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.conventions import CHANNELS, FIELD_DIMS
+from lfflow.distortion import Distortion
 from lfflow.errors import SchemaError
 from lfflow.kernels.gather import Rule
 from lfflow.kernels.surface_colour import surface_shape
 from lfflow.kernels.synthesis import Capture, Surface, one_view, prepare, surface_of
 from lfflow.lattice import ARRANGEMENTS, Lattice
-from lfflow.schema import DISPARITY, VIEWS, lattice_of
+from lfflow.schema import DISPARITY, VIEWS, distortion_numbers, lattice_of
 from lfflow.stages.grid import Grid, grid_from, grid_of, square_lattice
 from lfflow.stages.on_field import LATTICE_NAMES
 
@@ -27,7 +28,7 @@ FILLED = {"red_interpolated": 1, "green_interpolated": 2, "blue_interpolated": 4
 _FEW = 4
 """So many views are gathered one by one; more share the surfaces of the central view."""
 _FIELD = list(FIELD_DIMS)
-_CAPTURE_CORES = [_FIELD] * 5 + [[]] * 6 + [[dim] for dim in FIELD_DIMS]
+_CAPTURE_CORES = [_FIELD] * 5 + [[]] * 6 + [[dim] for dim in FIELD_DIMS] + [["axis", "term"]]
 _SURFACE_DIMS = ["surface_y", "surface_x"]
 
 
@@ -84,6 +85,7 @@ def reconstruct_views(
     rule = rule or Rule()
     inputs = [*fields, *(_plain(lf[name]) for name in LATTICE_NAMES)]
     inputs += [xr.DataArray(np.asarray(lf[dim]), dims=dim) for dim in FIELD_DIMS]
+    inputs.append(distortion_numbers(lf))
     if shared is None:
         shared = wanted["v"].size * wanted["u"].size > _FEW
     surfaces = _surfaces(lf, inputs, rule) if shared else []
@@ -150,14 +152,14 @@ def _views(blocks: Sequence[Array], scale: float | None, rule: Rule, *, shared: 
     lead = _lead(blocks, cores)
     out: list[Array] = []
     for index in np.ndindex(*lead[:-2]):
-        capture, grid, axes = _capture(_at(blocks[:15], _CAPTURE_CORES, (*index, 0, 0)))
+        capture, grid, axes = _capture(_at(blocks[:16], _CAPTURE_CORES, (*index, 0, 0)))
         x, y = _places(grid, *axes, scale)
         surface = None
         if shared:
-            planes, there = _at(blocks[17:], cores[17:], (*index, 0, 0))
+            planes, there = _at(blocks[18:], cores[18:], (*index, 0, 0))
             surface = Surface(planes.reshape(*there.shape, 3, 3), there)
         for view in np.ndindex(*lead[-2:]):
-            v, u = (float(value) for value in _at(blocks[15:17], [[], []], (*index, *view)))
+            v, u = (float(value) for value in _at(blocks[16:18], [[], []], (*index, *view)))
             found = one_view(capture, surface, x, y, (v, u), rule, on_lenses=scale is None)
             if not out:
                 out = [np.empty((*lead, *part.shape), dtype=part.dtype) for part in found]
@@ -188,7 +190,11 @@ def _capture(arrays: Sequence[Array]) -> tuple[Capture, Grid, tuple[Array, Array
     dh, dv, theta, cx, cy = (float(value) for value in arrays[5:10])
     lattice = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(arrays[10])])
     axes = arrays[11:15]
-    return prepare(arrays[:5], axes, lattice), grid_from(dh, dv, int(arrays[10])), (axes[2], axes[3])
+    return (
+        prepare(arrays[:5], axes, lattice, Distortion(arrays[15])),
+        grid_from(dh, dv, int(arrays[10])),
+        (axes[2], axes[3]),
+    )
 
 
 def _check(lf: xr.Dataset, disp: xr.Dataset) -> None:

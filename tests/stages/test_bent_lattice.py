@@ -133,3 +133,15 @@ def test_pictures_are_never_bent() -> None:
 def test_real_pictures_get_no_correction(shared_data: Path, name: str) -> None:
     with xr.open_dataset(shared_data / "f01" / name, engine="lfp") as raw:
         assert distortion_of(calibrate(raw)).straight
+
+
+def test_reconstruction_reads_samples_where_the_bent_lenses_lie(bent: tuple[xr.Dataset, np.ndarray]) -> None:
+    from lfflow.kernels.synthesis import prepare
+
+    cal, _ = bent
+    lf = demultiplex(raw_of(np.zeros(SHAPE), "scene"), cal)
+    fields = [lf[name].values for name in ("mosaic", "cfa", "weight")] + [np.zeros(lf["mosaic"].shape, np.float32)] * 2
+    prepared = prepare(fields, [lf[dim].values for dim in "vuts"], lattice_of(lf), distortion_of(lf))
+    rho = residual(lf)
+    found = next(part for part in prepared.samples if np.shape(part) == (2, *rho["rho_x"].shape))
+    np.testing.assert_allclose(found, np.stack([rho["rho_x"], rho["rho_y"]]), atol=1e-6)
