@@ -75,8 +75,8 @@ def peaks(folder: Path, config: dict[str, Any]) -> list[dict[str, Any]]:
     crew.ThreadExecutor = Measured  # type: ignore[misc,assignment]
     options = {"config": config, "workers": Workers("threads", 1)}
     with tempfile.TemporaryDirectory() as scratch:
-        simulate_collection(f"{scratch}/warm", 1, 3, height=300, width=300)
-        for captures, out in ((f"{scratch}/warm", "w1"), (f"{scratch}/warm", "w2"), (str(folder), "col")):
+        simulate_collection(f"{scratch}/warm", 1, 3, height=900, width=900)
+        for captures, out in ((f"{scratch}/warm", "w1"), (str(folder), "col")):
             Measured.found.clear()
             outcome = run_collection(f"{scratch}/{out}", Options(inputs=(captures,), **options))
             assert outcome.exit_code == 0, outcome.failed

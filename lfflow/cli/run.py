@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import logging
 import sys
+from collections.abc import Iterator
 
 from lfflow.cli.options import (
     AcceptDamaged,
@@ -58,7 +61,7 @@ def run(
         inputs, config=config, workers=workers, stages=stages, where=where, white=white, dark=dark, force=force,
         retries=retries, memory=memory, pictures=pictures, accept_damaged=accept_damaged,
     )  # fmt: skip
-    with progress_bar() as progress:
+    with _messages(), progress_bar() as progress:
         outcome = run_collection(out, options, progress=progress)
     if json_:
         document = {"collection": str(out), "counts": outcome.counts, "failed": outcome.failed}
@@ -66,6 +69,18 @@ def run(
     else:
         sys.stdout.write(_text(str(out), outcome.counts, outcome.failed))
     return outcome.exit_code
+
+
+@contextlib.contextmanager
+def _messages() -> Iterator[None]:
+    """Say on standard error what a run says: where its dashboard is, what died, what an interruption kept."""
+    handler, logger = logging.StreamHandler(sys.stderr), logging.getLogger("lfflow")
+    logger.addHandler(handler)
+    logging.getLogger("lfflow.run").setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
 
 
 def _text(out: str, counts: dict[str, int], failed: dict[str, str]) -> str:

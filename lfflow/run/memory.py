@@ -17,7 +17,7 @@ from lfflow.schema import Schema
 if TYPE_CHECKING:
     from lfflow.run.chain import Grid
 
-SLACK = 16 << 20
+SLACK = 40 << 20
 """What no size explains: the interpreter's own objects, and what the allocator does not give back."""
 WRITE_COPIES = 3
 """Copies of the largest array while it is written: rounded, compressed, and the shard that is put together."""
@@ -70,7 +70,7 @@ def _array_bytes(schema: Schema, extent: Extent) -> list[int]:
 
 def calibration_work(extent: Extent, parameters: Mapping[str, Any]) -> int:  # noqa: ARG001
     """Bytes of the calibration with its result: float images of the sensor, one more where the scene is divided out."""
-    return 4 * extent.pixels * (6 if extent.scene else 4)
+    return 4 * extent.pixels * (7 if extent.scene else 6)
 
 
 def lightfield_work(extent: Extent, parameters: Mapping[str, Any]) -> int:  # noqa: ARG001

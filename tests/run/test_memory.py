@@ -40,7 +40,7 @@ def test_the_estimate_follows_the_camera_and_the_parameters():
     white = task_memory(job(3280, 3280, F01, "white"), CHAIN)
     scene = task_memory(job(3280, 3280, F01), CHAIN)
     illum = task_memory(job(5368, 7728, ILLUM), CHAIN)
-    assert 150 * MIB < white < 350 * MIB
+    assert 200 * MIB < white < 400 * MIB
     assert 500 * MIB < scene < 1200 * MIB
     assert scene * 1.5 < illum < scene * 5
     narrow = {"disparity": {"hypotheses": [-0.5, 0.0, 0.5]}}
