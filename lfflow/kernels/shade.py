@@ -18,8 +18,9 @@ from lfflow.kernels.radial import FINE
 from lfflow.kernels.subimage import Geometry, geometry, offset_from_lens
 from lfflow.lattice import Lattice
 
-ZONES = 6
-"""Zones along each side of the sensor."""
+MOST_ZONES = 6
+"""Zones along each side of the sensor, at most."""
+LENSES_A_ZONE = 600
 CELLS = 10
 """Bins of the correction per lens pitch."""
 FAINT = 0.1
@@ -117,10 +118,12 @@ def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
     h = np.zeros(0) if aperture.h is None else aperture.h.table()[:, 0]
     _model(lens, f / f.max(), h, aperture.matrix, aperture.origin, aperture.middle, model)
     scale, half = CELLS / lattice.dh, math.ceil(0.62 * CELLS * max(1.0, lattice.dv / lattice.dh)) + 1
-    seen, due = np.zeros((2, ZONES, ZONES, 2 * half + 1, 2 * half + 1))
+    lenses = flat.size / (lattice.dh**2 * lattice.row_pitch)
+    zones = int(np.clip(math.sqrt(lenses / LENSES_A_ZONE), 2, MOST_ZONES))
+    seen, due = np.zeros((2, zones, zones, 2 * half + 1, 2 * half + 1))
     _compare(flat, model, lens, scale, seen, due)
     _correct(model, lens, scale, _ratio(seen, due))
-    return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99.9)), 1e-6)), 1))
+    return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6)), 1))
 
 
 def _ratio(seen: FloatArray, due: FloatArray) -> FloatArray:

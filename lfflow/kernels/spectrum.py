@@ -17,6 +17,8 @@ from lfflow.errors import LatticeNotFoundError
 from lfflow.lattice import ARRANGEMENTS, Arrangement, Lattice
 
 MIN_PITCH, MAX_PITCH = 5.5, 66.0
+MAX_STRETCH = 0.025
+"""Difference of the two pitches that a spectrum's resolution can make of none."""
 MAX_TILT = math.radians(4.5)
 TILE = 1024
 PEAKS = 80
@@ -149,7 +151,7 @@ def _best_lattice(vectors: Vectors, ratios: Vectors, resolution: float) -> tuple
             pitch, theta = upright / math.hypot(*g2), math.atan2(-g2[0], g2[1])
             basis = inverse(Lattice(pitch, pitch, theta, 0, 0, arrangement).matrix)
             found = _fit_basis(basis, arrangement, vectors, gain, resolution)
-            if found is not None:
+            if found is not None and _plausible(found[0], arrangement):
                 candidates.append((found[1], pitch, arrangement, found[0]))
     if not candidates:
         raise LatticeNotFoundError(
@@ -158,6 +160,12 @@ def _best_lattice(vectors: Vectors, ratios: Vectors, resolution: float) -> tuple
     most = max(candidate[0] for candidate in candidates)
     _, _, arrangement, basis = min((c for c in candidates if c[0] > 0.9 * most), key=lambda c: (c[1], -c[0]))
     return arrangement, basis
+
+
+def _plausible(basis: Vectors, arrangement: Arrangement) -> bool:
+    """Whether a reciprocal basis is that of a lens array: pitches in range, and alike."""
+    lattice = _from_reciprocal(basis, arrangement)
+    return min(lattice.dh, lattice.dv) > MIN_PITCH and abs(lattice.dv / lattice.dh - 1) < MAX_STRETCH
 
 
 def _fit_basis(
