@@ -81,6 +81,36 @@ def test_picture_without_white_image(picture: xr.Dataset) -> None:
     assert float(np.abs(cal["vignetting"].values - light)[20:-20, 20:-20].mean()) < 0.08
 
 
+def clipped(shape: tuple[int, int]) -> np.ndarray:
+    """Subimages that a second disc clips towards the corners."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(float)
+    centre_x, centre_y = TRUTH.centres(*TRUTH.nearest(x, y))
+    dx, dy = x - centre_x, y - centre_y
+    u, v = centre_x / shape[1] - 0.5, centre_y / shape[0] - 0.5
+    radius = 0.45 * TRUTH.dh
+    inner, outer = np.hypot(dx, dy) - radius, np.hypot(dx + 0.8 * radius * u, dy + 0.8 * radius * v) - 1.06 * radius
+    return 1 / (1 + np.exp(inner / 0.35)) / (1 + np.exp(outer / 0.35))
+
+
+def test_vignetting_of_a_picture_follows_the_clipping_over_the_field() -> None:
+    light = clipped(SIZE)
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    cal = calibrate(frame(light * (0.6 + 0.2 * np.sin(x / 40 + y / 25)), "scene"))
+    assert lattice_of(cal).distance_to(TRUTH, *SIZE) < 0.05
+    shade = cal["vignetting"].values
+    # How bright the light is as a whole is the scene's: the shape is compared.
+    error = (shade - light * float((shade * light).sum() / (light**2).sum()))[20:-20, 20:-20]
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    for half in (slice(None, 220), slice(220, None)):
+        assert abs(error[:, half].mean()) < 0.01
+
+
+def test_colour_weights_count_in_the_peaks(white: xr.Dataset) -> None:
+    quick, green = calibrate(white, precise=False), calibrate(white, precise=False, alpha=(0, 1, 0))
+    assert lattice_of(quick) != lattice_of(green)
+    assert lattice_of(green).distance_to(TRUTH, *SIZE) < 0.005
+
+
 def test_method_can_be_forced(white: xr.Dataset) -> None:
     cal = calibrate(white, method="self")
     assert int(cal["method"]) == 1
