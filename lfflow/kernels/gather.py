@@ -108,7 +108,7 @@ class Rule(NamedTuple):
     detail: float = 0.45
     tolerance: float = 0.06
     strictness: float = 16.0
-    lift: float = 1.2
+    lift: float = 1.5
     stiffness: float = 0.02
 
 
