@@ -31,7 +31,8 @@ fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-test-faults: $(STAMP) ## kills, crashes and full disks, in their long form
+test-faults: $(STAMP) ## kills, crashes, full disks and an S3 server, in their long form (moto is installed here)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'moto[server]>=5'
 	$(BIN)/pytest -m 'heavy or not heavy' tests/run
 
 test-heavy: $(STAMP) ## the tests that take minutes
@@ -45,7 +46,7 @@ fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, install
 	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536 -artifact_prefix=.venv/fuzz-
 
 benchmark: $(STAMP)  ## accuracy and CPU seconds against bounds, part by part (minutes)
-	for part in formats calibration demultiplex storage disparity reconstruct; do $(BIN)/python benchmarks/$$part.py || exit 1; done
+	for part in formats calibration demultiplex storage disparity reconstruct collection; do $(BIN)/python benchmarks/$$part.py || exit 1; done
 
 lock: $(STAMP)       ## write constraints.txt from what is installed
 	$(BIN)/python -m pip freeze --exclude-editable > constraints.txt
