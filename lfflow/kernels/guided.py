@@ -43,7 +43,7 @@ def _guess(rgb: Array, x: Array, y: Array, disparity: Array, i: int, j: int, tol
     sums = np.zeros((3, 3, 2))
     for r in range(max(i - _REACH, 0), min(i + _REACH + 1, rgb.shape[0])):
         for c in range(max(j - _REACH, 0), min(j + _REACH + 1, rgb.shape[1])):
-            if not np.isnan(rgb[r, c]).all():
+            if not (np.isnan(rgb[r, c, 0]) and np.isnan(rgb[r, c, 1]) and np.isnan(rgb[r, c, 2])):
                 _add(sums, rgb[r, c], known, _weight(x, y, disparity, i, j, r, c, tolerance))
     for wanted in range(3):
         if known[wanted]:
