@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,8 @@ def disparity(
     ----------
     lf
         Mosaicked light field (`lfflow.schema.LIGHTFIELD`), or a dataset of full-colour views with ``rgb``, which goes
-        to `lfflow.stages.view_matching.disparity_of_views` with `view_options`. Any dim order, numpy or dask, with or
-        without ``capture``.
+        to `lfflow.stages.view_matching.disparity_of_views` with `threads` and `view_options`; the other options have no
+        meaning there. Any dim order, numpy or dask, with or without ``capture``.
     pairs
         Baselines (pair_u, pair_v) of the first pass; by default those of the row and the column of the central view
         whose same-colour support, measured on the field, is enough.
@@ -79,16 +80,11 @@ def disparity(
     ------
     ValueError
         An option is unknown, or the light field has no central view.
+    TypeError
+        An option has no meaning for `lf`.
     SchemaError
         `lf` is no light field.
     """
-    if "rgb" in lf.data_vars and "mosaic" not in lf.data_vars:
-        return _of_views(lf, view_options)
-    if view_options:
-        raise TypeError(f"unknown option {', '.join(sorted(view_options))} for a mosaicked light field")
-    _check("interpolation", interpolation, INTERPOLATIONS)
-    _check("cost_interpolation", cost_interpolation, COST_INTERPOLATIONS)
-    _check("fusion", fusion, FUSIONS)
     options = Matching(
         pairs=None if pairs is None else tuple((int(a), int(b)) for a, b in pairs),
         hypotheses=None if hypotheses is None else tuple(map(float, hypotheses)),
@@ -101,6 +97,13 @@ def disparity(
         min_support=min_support,
         threads=threads,
     )
+    if "rgb" in lf.data_vars and "mosaic" not in lf.data_vars:
+        return _of_views(lf, options, view_options)
+    if view_options:
+        raise TypeError(f"unknown option {', '.join(sorted(view_options))} for a mosaicked light field")
+    _check("interpolation", interpolation, INTERPOLATIONS)
+    _check("cost_interpolation", cost_interpolation, COST_INTERPOLATIONS)
+    _check("fusion", fusion, FUSIONS)
 
     def match(field: MosaicField) -> tuple[npt.NDArray[Any], ...]:
         return match_field(field, options)
@@ -116,8 +119,13 @@ def _check(name: str, value: str, known: tuple[str, ...]) -> None:
         raise ValueError(f"{name} {value!r} is none of {', '.join(known)}")
 
 
-def _of_views(lf: xr.Dataset, options: dict[str, Any]) -> xr.Dataset:
+def _of_views(lf: xr.Dataset, given: Matching, options: dict[str, Any]) -> xr.Dataset:
     from lfflow.stages.view_matching import disparity_of_views
 
-    result: xr.Dataset = disparity_of_views(lf, **options)
+    usual = Matching()
+    names = (option.name for option in fields(Matching) if option.name != "threads")
+    strange = [name for name in names if getattr(given, name) != getattr(usual, name)]
+    if strange:
+        raise TypeError(f"{', '.join(strange)}: no option for full-colour views, which are matched in another way")
+    result: xr.Dataset = disparity_of_views(lf, threads=given.threads, **options)
     return result

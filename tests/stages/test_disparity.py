@@ -6,6 +6,8 @@ import xarray as xr
 
 import lfflow
 from lfflow.schema import lattice_of
+from lfflow.stages import view_matching
+from lfflow.stages.view_matching import disparity_of_views
 from tests.conftest import raise_if_dask_computes
 from tests.mosaic_fields import lightfield, plane
 
@@ -84,3 +86,46 @@ def test_unknown_options_are_refused():
         lfflow.disparity(lf, cost_interpolation="parabolla")
     with pytest.raises(TypeError, match="windows"):
         lfflow.disparity(lf, windows=3)
+
+
+@pytest.fixture
+def views():
+    rng = np.random.default_rng(5)
+    picture = np.kron(rng.uniform(size=(14, 14, 3)), np.ones((4, 4, 1))).astype(np.float32)
+    axis = np.arange(-1, 2)
+    shifted = [[np.roll(picture, (-v, -u), (0, 1)) for u in axis] for v in axis]
+    return xr.Dataset({"rgb": (("v", "u", "t", "s", "channel"), np.array(shifted))}, {"v": axis, "u": axis})
+
+
+def test_full_colour_views_are_matched_with_the_options_for_them(views, monkeypatch):
+    asked = []
+
+    def spy(lf, **options):
+        asked.append(options)
+        return disparity_of_views(lf, **options)
+
+    monkeypatch.setattr(view_matching, "disparity_of_views", spy)
+    found = lfflow.disparity(views, threads=2, disparity_range=(-2.0, 2.0))
+    assert asked == [{"threads": 2, "disparity_range": (-2.0, 2.0)}]
+    xr.testing.assert_identical(found, disparity_of_views(views, disparity_range=(-2.0, 2.0)))
+    assert float(abs(found.disparity.isel(t=slice(8, -8), s=slice(8, -8)) - 1).median()) < 0.05
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"pairs": [(2, 0)]},
+        {"hypotheses": [-1, 1]},
+        {"sigma": 2.0},
+        {"interpolation": "linear"},
+        {"cost_interpolation": "none"},
+        {"fusion": "mean"},
+        {"second_pass": False},
+        {"regularise": False},
+        {"min_support": 0.1},
+    ],
+    ids=lambda option: next(iter(option)),
+)
+def test_options_of_the_mosaicked_matching_are_refused_for_full_colour_views(views, option):
+    with pytest.raises(TypeError, match=next(iter(option))):
+        lfflow.disparity(views, **option)
