@@ -121,7 +121,7 @@ def shrunk(folder):
 
 
 def through_the_mosaic(folder):
-    """HCI views through the F01's mosaic. Its simulation knows no rounding of the lens centres: ρ is set to 0."""
+    """HCI views through the F01's mosaic."""
     views, centre, times = shrunk(folder)
     raw, truth = simulate_from_views(views, centre)
     lattice = lattice_of(truth)
@@ -142,7 +142,6 @@ def through_the_mosaic(folder):
         fields = [lf[n].values for n in ("mosaic", "cfa", "weight")]
         fields += [found[n].values for n in ("disparity", "disparity_std")]
         capture = prepare(fields, [lf[n].values for n in ("v", "u", "t", "s")], lattice_of(lf))
-        capture = capture._replace(samples=capture.samples._replace(residual=0 * capture.samples.residual))
         rows[f"lfflow, {name}"] = one_view(capture, None, x, y, (0.0, 0.0), Rule(), on_lenses=True)[0]
     inside = (row > 3) & (row < views.sizes["t"] - 4) & (column > 3) & (column < views.sizes["s"] - 4)
     report(
