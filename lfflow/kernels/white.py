@@ -20,8 +20,8 @@ from lfflow.kernels.demultiplex import owner
 from lfflow.kernels.subimage import Geometry, geometry
 from lfflow.lattice import Lattice
 
-FINE = 0.25
-"""Side of a cell of the mean subimage of the whole field, sensor pixels."""
+FINEST, COARSEST, PIXELS = 0.125, 0.25, 500
+"""Bounds of the side of a cell of the mean subimage, sensor pixels, and the pixels that should fall into one."""
 COARSE = 0.5
 """Side of a cell of the correction in a tile, sensor pixels."""
 TILE = 32
@@ -48,13 +48,14 @@ def white_vignetting(image: FloatImage, lattice: Lattice) -> FloatImage:
     lattice = lattice.anchored(*image.shape)
     lens, reach = geometry(lattice), 0.62 * max(lattice.dh, lattice.dv)
     ceiling = np.float32(1.5 * np.percentile(image[::7, ::5], 99))
-    fine = np.zeros((2, *_cells(reach, FINE)))
-    _sum_subimages(image, lens, ceiling, *fine)
-    subimage = _mean_subimage(*fine)
+    fine = float(np.clip(math.sqrt(PIXELS * lattice.dh * lattice.dv / image.size), FINEST, COARSEST))
+    cells = np.zeros((2, *_cells(reach, fine)))
+    _sum_subimages(image, lens, ceiling, fine, *cells)
+    subimage = _mean_subimage(*cells)
     floor = np.float32(LIT) * subimage.max()
     model = np.empty(image.shape, np.float32)
     seen, expected = np.zeros((2, *lattice.grid_shape(*image.shape)))
-    _draw(subimage, image, lens, floor, ceiling, model, seen, expected)
+    _draw(subimage, fine, image, lens, floor, ceiling, model, seen, expected)
     tiles = [max(1, round(size / lattice.dh / TILE)) for size in image.shape]
     sums = np.zeros((5, *tiles, *_cells(reach, COARSE)))
     _shade_lenses(image, lens, _lens_gains(seen, expected), ceiling, model, sums)
@@ -168,14 +169,14 @@ def _place(x: int, y: int, lens: Geometry) -> tuple[int, int, float, float]:  # 
 
 
 @numba.njit(nogil=True, cache=True)
-def _sum_subimages(image, lens, ceiling, total, count):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _sum_subimages(image, lens, ceiling, fine, total, count):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Sum and number of the pixels below `ceiling` in every fine cell of the subimage."""
     half = total.shape[0] // 2
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
             if image[y, x] < ceiling:
                 _, _, a, b = _place(x, y, lens)
-                row, column = round(b / FINE) + half, round(a / FINE) + half
+                row, column = round(b / fine) + half, round(a / fine) + half
                 total[row, column] += image[y, x]
                 count[row, column] += 1.0
 
@@ -193,13 +194,13 @@ def _cubic(f):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
 
 
 @numba.njit(nogil=True, cache=True)
-def _draw(subimage, image, lens, floor, ceiling, model, seen, expected):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _draw(subimage, fine, image, lens, floor, ceiling, model, seen, expected):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Put the mean subimage on the pixels (y, x) of `model`; add up the light of its well lit ones by lens (t, s)."""
     half = subimage.shape[0] // 2
     for y in range(model.shape[0]):
         for x in range(model.shape[1]):
             t, s, a, b = _place(x, y, lens)
-            column, row = a / FINE + half, b / FINE + half
+            column, row = a / fine + half, b / fine + half
             j, i = int(column), int(row)
             across, down = _cubic(column - j), _cubic(row - i)
             value = np.float32(0)

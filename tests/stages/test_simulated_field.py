@@ -99,6 +99,18 @@ def test_a_gray_scene_is_flat_with_a_white_image_that_has_noise(camera: str) -> 
     assert np.min(rough) > 0.012
 
 
+@pytest.mark.heavy
+@pytest.mark.parametrize("camera", ["f01", "illum"])
+def test_a_gray_scene_is_flat_in_every_view_of_a_whole_sensor(camera: str) -> None:
+    model = BODIES[camera].model
+    size: dict[str, Any] = {"height": model.height, "width": model.width, "camera": camera}
+    gray = Scene([Layer(flat_texture((0.4, 0.4, 0.4)))])
+    scene, _ = simulate_capture(scene=gray, noise=False, views=[0], **size)
+    found = flatness(demultiplex(scene, calibrate(simulate_white(seed=1, **size)[0], precise=False)))
+    assert len(found) == {"f01": 69, "illum": 145}[camera]
+    assert max(found) < 0.005
+
+
 def _by_pixel(white: xr.Dataset) -> xr.DataArray:
     """Vignetting straight from a white image: each Bayer site over its peak."""
     light = white["raw"].reset_coords(drop=True).astype(np.float32) - np.float32(white["black_level"][0])
