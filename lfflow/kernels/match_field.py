@@ -20,6 +20,7 @@ from lfflow.kernels.diffuse import diffuse
 from lfflow.kernels.edge_place import place_edges
 from lfflow.kernels.error_map import FILLED, LOW_TEXTURE, STEP, TEXTURELESS, error_map, half_range
 from lfflow.kernels.fusion import Fusion, fuse_costs
+from lfflow.kernels.levelling import levelled
 from lfflow.kernels.model_cost import model_costs
 from lfflow.kernels.mosaic_field import MosaicField
 from lfflow.kernels.pair_cost import Interpolation, pair_cost, pair_support
@@ -47,6 +48,9 @@ PAIR_NOISE = 1.2
 """Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
 CLEAR = 4.0
 """A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
+STRANGE, UNEVEN = 6.0, 0.5
+"""Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
+the mean over several lenses where the light of the view is another."""
 COMPANY = 6
 """Trusted places within two lenses, itself among them, that a trusted place needs."""
 KEPT = 0.3
@@ -81,7 +85,7 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
     level = field._replace(mosaic=even_noise(field))
     found, noise = _first_pass(level, options)
     if options.second_pass:
-        found = _second_pass(level, found, noise, options)
+        found, level = _second_pass(level, found, noise, options)
     picture, _ = complete_centre(level, found, _doubt(found, 2))
     better = refine(level, picture, found, limit=4.5 * noise, alike=4 * noise, radius=field.aperture())
     if options.second_pass and options.regularise:
@@ -195,19 +199,25 @@ def _span(found: FloatArray) -> tuple[float, float]:
     return float(low) - 0.15, float(high) + 0.15
 
 
-def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: Matching) -> FloatArray:
-    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`."""
+def _second_pass(
+    field: MosaicField, first: FloatArray, noise: float, options: Matching
+) -> tuple[FloatArray, MosaicField]:
+    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`.
+
+    The field comes back too, with the brightness of its views levelled.
+    """
     if not np.isfinite(first).any():
-        return first
+        return first, field
     labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
     radius, doubt = field.aperture(), _doubt(first, 3)
+    guide, _ = complete_centre(field, first, doubt)
+    field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
     inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
     outer = field.views(OUTER * radius, RIM * radius)
     costs = model_costs(field, inner, labels, views=outer, limit=2.7 * noise, threads=options.threads)
-    guide, _ = complete_centre(field, first, doubt)
     fused = fuse_costs(costs, labels, options.fusion)
     found = _decide(fused, labels, guide, options, edge=EDGE * noise, brick=_is_brick(field))
-    return np.where(np.isfinite(found), found, first).astype(np.float32)
+    return np.where(np.isfinite(found), found, first).astype(np.float32), field
 
 
 def _labels(options: Matching, step: float, span: tuple[float, float]) -> npt.NDArray[np.float64]:

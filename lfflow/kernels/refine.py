@@ -118,7 +118,7 @@ def _slopes(view, place, rho, offset, pitch, padded, disparity, limit, sums):  #
                 continue
             a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) / pitch
             x, y = np.float32(column) + offset[row] + d * a_x, np.float32(row) + d * a_y
-            value, g_x, g_y = _read(padded, offset, x, y, cfa[row, column])
+            value, g_x, g_y = read_picture(padded, offset, x, y, cfa[row, column])
             r = mosaic[row, column] - value
             g = g_x * a_x + g_y * a_y
             robust = one / (one + r * r * narrow)
@@ -130,7 +130,7 @@ def _slopes(view, place, rho, offset, pitch, padded, disparity, limit, sums):  #
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _read(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
+def read_picture(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
     """Picture at X = x, row y and its slopes to the right (per lens) and down (per row)."""
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     upper = min(max(int(np.floor(y)), 0), rows - 2)
