@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.aggregate import regularise
@@ -51,6 +52,8 @@ CLEAR = 4.0
 STRANGE, UNEVEN = 6.0, 0.5
 """Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
 the mean over several lenses where the light of the view is another."""
+BAND, BAND_REACH = 0.25, 4
+"""The second pass looks so much, and so many lenses, around the first disparity."""
 COMPANY = 6
 """Trusted places within two lenses, itself among them, that a trusted place needs."""
 KEPT = 0.3
@@ -214,10 +217,19 @@ def _second_pass(
     field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
     inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
     outer = field.views(OUTER * radius, RIM * radius)
-    costs = model_costs(field, inner, labels, views=outer, limit=2.7 * noise, threads=options.threads)
+    costs = model_costs(field, inner, labels, views=outer, limit=2.7 * noise, band=_band(first),
+                        threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
     found = _decide(fused, labels, guide, options, edge=EDGE * noise, brick=_is_brick(field))
     return np.where(np.isfinite(found), found, first).astype(np.float32), field
+
+
+def _band(first: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest disparity (t, s) of the surroundings of each place, a little wider."""
+    size = 2 * BAND_REACH + 1
+    low = minimum_filter(np.where(np.isfinite(first), first, -np.inf), size)
+    high = maximum_filter(np.where(np.isfinite(first), first, np.inf), size)
+    return (low - BAND).astype(np.float32), (high + BAND).astype(np.float32)
 
 
 def _labels(options: Matching, step: float, span: tuple[float, float]) -> npt.NDArray[np.float64]:

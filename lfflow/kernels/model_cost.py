@@ -39,6 +39,7 @@ def model_costs(
     sigma: float = 0.6,
     count: int = 4,
     limit: float = 0.03,
+    band: tuple[FloatArray, FloatArray] | None = None,
     threads: int = 1,
 ) -> FloatArray:
     """Mean truncated absolute difference (sector, hypothesis, t, s) of the samples from `picture` (3, t, s).
@@ -54,6 +55,8 @@ def model_costs(
         Sectors of the aperture: an edge hides a point from one side only.
     limit
         A squared difference saturates about the square of this.
+    band
+        Smallest and largest disparity (t, s) that is looked at in each place; outside the cost is NaN.
     threads
         Hypotheses that are worked on at a time.
     """
@@ -63,27 +66,29 @@ def model_costs(
     out = np.empty((count, len(hypotheses), rows, columns), dtype=np.float32)
     padded = np.pad(np.moveaxis(picture, 0, -1), ((MARGIN, MARGIN), (MARGIN, MARGIN), (0, 0)), mode="edge")
     compared = field.views() if views is None else views
+    low, high = band if band is not None else (np.full((rows, columns), x, np.float32) for x in (-np.inf, np.inf))
 
     def one_hypothesis(h: int) -> None:
         d = hypotheses[h]
+        wanted = (low <= d) & (d <= high)
         error = np.zeros((count, rows, columns), dtype=np.float32)
         weight = np.zeros((count, rows, columns), dtype=np.float32)
         for j, i in compared:
             view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
             step = np.float32(d), np.float32(d * field.u[i]), np.float32(d * field.v[j] / field.row_pitch)
             _errors(view, field.rho, step, field.offset, np.float32(field.row_pitch), padded, np.float32(limit**2),
-                    error[group[j, i]], weight[group[j, i]])  # fmt: skip
+                    wanted, error[group[j, i]], weight[group[j, i]])  # fmt: skip
         for k in range(count):
             support = block_sum(weight[k], field.offset, *blocks)
             total = block_sum(error[k], field.offset, *blocks)
-            out[k, h] = np.where(support > 0.5, total / np.maximum(support, 0.5), np.float32(np.nan))
+            out[k, h] = np.where(wanted & (support > 0.5), total / np.maximum(support, 0.5), np.float32(np.nan))
 
     each(one_hypothesis, range(len(hypotheses)), threads)
     return out
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _errors(view, rho, step, offset, pitch, padded, limit, error, weight):  # type: ignore[no-untyped-def]
+def _errors(view, rho, step, offset, pitch, padded, limit, wanted, error, weight):  # type: ignore[no-untyped-def]
     """Add the truncated squared differences of one view at one hypothesis, and their weights."""
     mosaic, cfa, confidence = view
     d, across, down = step
@@ -99,7 +104,7 @@ def _errors(view, rho, step, offset, pitch, padded, limit, error, weight):  # ty
         base_y = np.float32(row - t) + down + np.float32(MARGIN)
         for s in range(max(0, -jump), min(columns, columns - jump)):
             c = cfa[row, s + jump]
-            if c == CFA_NONE:
+            if c == CFA_NONE or not wanted[t, s]:
                 continue
             y = base_y + d * rho[1, row, s + jump] / pitch
             upper = int(y)
