@@ -28,10 +28,13 @@ KNOT = 0.4
 """Distance of the knots of a profile in widths (standard deviations) of its edge."""
 RINGS = 40
 """Rings per lens pitch within which the misfit of the edges' shape is averaged."""
-WORTH = 0.87
-"""A second disc must lower the remaining sum of squares to this share,"""
-LEAST = 0.008
-"""and move by so many lens pitches from the middle of the sensor to its edge."""
+SIGNIFICANT = 6.0
+"""The subimages must be so many standard deviations narrower towards the corners before a second disc is looked for"""
+RESOLVED = 0.7
+"""and it must move by so many widths (standard deviations) of the edge from the middle of the sensor to its border:
+below, either disc may be the aperture;"""
+SUSPECT = 1.0
+"""so many before the lattice is said to be less certain for one that may be there."""
 TWIN = 3.0
 """The discs in exchanged roles explain the picture about as well: up to so many times the sum of squares."""
 SHARP = 0.25
@@ -74,6 +77,9 @@ class Aperture:
         That centre relative to the lens at c: matrix·(c − middle) + origin, pixels.
     sharp
         Whether the edge is narrow enough to be told from a gradient of the light across the subimages.
+    hidden
+        By how much the subimages' centres may be off at the end of the longer half axis of the sensor if a second disc
+        as large as the first is there, pixels; 0 where nothing speaks for one.
     """
 
     f: Radial
@@ -82,6 +88,7 @@ class Aperture:
     origin: FloatArray
     middle: FloatArray
     sharp: bool
+    hidden: float
 
     @property
     def order(self) -> float:
@@ -100,10 +107,9 @@ class Aperture:
 
 
 def _middle(table: FloatArray) -> float:
-    """Radius of an edge: mean of the places where a profile falls most steeply, pixels."""
-    fall = -table[:, 1]
-    fall = np.where(fall > 0.2 * fall.max(), fall, 0)
-    return float(fall @ np.arange(len(fall)) / fall.sum()) / FINE
+    """Radius at which a profile first falls to half of its middle, pixels; outside it no light tells the profile."""
+    dark = np.nonzero(table[:, 0] < 0.5 * table[0, 0])[0]
+    return float(dark[0] if len(dark) else len(table)) / FINE
 
 
 @numba.njit(nogil=True, cache=True)
@@ -220,6 +226,31 @@ class _Problem:
         left = left - (np.bincount(ring, left * self.root) / bottom)[ring] * self.root
         return float(left @ left)
 
+    def narrowing(self, p: FloatArray) -> tuple[float, float]:
+        """How much narrower the subimages are towards the corners than across, where field is 1, and its deviation.
+
+        Two discs alike that part by ±d leave f·(1 + ½ d² ∂² log f), the derivative along d: to first order they look
+        like one disc in their middle, to second order they are narrower along d. This is d², in lens pitches squared;
+        its deviation is that of the zones.
+        """
+        left, radius = self.residual(p), np.hypot(*self.offset)
+        inside, steep = _edge(p[0] - radius, p[1])
+        bend = -steep * ((p[0] - radius) / p[1] ** 2 + steep / np.maximum(inside, 1e-3))
+        field = self.field[self.zone]
+        along = (field[:, 0] * self.offset[0] + field[:, 1] * self.offset[1]) / np.maximum(radius, 1e-9)
+        shape = 0.5 * bend * (along**2 - 0.5 * (field**2).sum(axis=1)) * self.root
+        score, size = [], []
+        for part in self.parts:
+            tilt = np.stack([np.ones(part.stop - part.start), *(axis[part] for axis in self.offset)], axis=1)
+            base = (inside * self.root)[part, None] * tilt
+            bright = float(base[:, 0] @ self.value[part] / max(base[:, 0] @ base[:, 0], 1e-12))
+            ring = bright * (shape[part] - base @ np.linalg.lstsq(base, shape[part], rcond=None)[0])
+            score.append(float(ring @ left[part]))
+            size.append(float(ring @ ring))
+        scores, sizes = np.array(score), np.array(size)
+        value = scores.sum() / sizes.sum()
+        return float(value), float(np.linalg.norm(scores - value * sizes) / sizes.sum())
+
     def _fitted(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Misfit and its derivatives, each zone's brightness (and gradient, if `tilted`) solved for."""
         light, slopes = self.model(p)
@@ -262,7 +293,7 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
     scale = np.abs(motion).max(axis=(0, 1)) / pitch
     peak = float(np.percentile(zones.value, 98))
     root = np.sqrt(zones.weight / zones.weight.mean())
-    field = (zones.centres - middle) / middle
+    field = (zones.centres - middle) / middle.max()
     problem = _Problem(
         (zones.dx / pitch, zones.dy / pitch),
         zones.value / peak * root,
@@ -275,20 +306,31 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
     start = np.array([0.46, 0.06, -0.2, *np.zeros(5)])
     single = _solve(problem, start)
     sharp = abs(single[1]) < SHARP * single[0]
-    found = [single]
+    found, hidden = [single], 0.0
     if sharp:
         problem = replace(problem, tilted=True)
         single = _solve(problem, single)
-        sides = [_solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]])) for side in (-0.25, 0.25)]
-        worth = WORTH * problem.odd(single)
-        clipping = [p for p in sorted(sides, key=problem.odd) if problem.odd(p) < worth and _clips(p)]
-        found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] or [single]
-    return [(_aperture(p, pitch, middle, sharp=sharp), np.asarray(p[3:8] / scale)) for p in found]
+        narrower, deviation = problem.narrowing(single)
+        if narrower > max(SIGNIFICANT * deviation, (0.5 * RESOLVED * single[1]) ** 2):
+            sides = [
+                _solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]])) for side in _starts(narrower)
+            ]
+            clipping = [p for p in sorted(sides, key=problem.odd) if _clips(p)]
+            found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] or [single]
+        if narrower > SUSPECT * deviation:
+            hidden = pitch * float(np.sqrt(narrower + deviation))
+    return [(_aperture(p, pitch, middle, sharp=sharp, hidden=hidden), np.asarray(p[3:8] / scale)) for p in found]
+
+
+def _starts(narrower: float) -> tuple[float, float]:
+    """Motions of the second disc to start from: of two discs alike, each moves by √`narrower` against their middle."""
+    motion = min(max(2 * np.sqrt(narrower), 0.01), 0.25)
+    return -motion, motion
 
 
 def _clips(p: FloatArray) -> bool:
-    """Whether what was found is a second disc: wandering, and about as large as the aperture."""
-    return bool(abs(p[8]) > LEAST and 0.85 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0])
+    """Whether what was found is a second disc: about as large as the aperture."""
+    return bool(0.85 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0] + 0.5 * abs(p[1]) / p[0])
 
 
 def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
@@ -296,11 +338,11 @@ def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
     return np.asarray(found.x, dtype=np.float64)
 
 
-def _aperture(p: FloatArray, pitch: float, middle: FloatArray, *, sharp: bool) -> Aperture:
+def _aperture(p: FloatArray, pitch: float, middle: FloatArray, *, sharp: bool, hidden: float) -> Aperture:
     knot = KNOT * abs(p[1]) * pitch
     f = Radial.like(lambda r: (1 + p[2] * (r / pitch) ** 2) * ndtr((p[0] - r / pitch) / p[1]), 0, 0.585 * pitch, knot)
     if len(p) == 8:
-        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp)
+        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp, hidden)
     low, high = ((p[11] + side * abs(p[1])) * pitch for side in (-4, 4))
     h = Radial.like(lambda r: ndtr((p[11] - r / pitch) / p[1]), low, high, knot)
-    return Aperture(f, h, np.diag(p[8] * pitch / middle), p[9:11] * pitch, middle, sharp)
+    return Aperture(f, h, np.eye(2) * p[8] * pitch / middle.max(), p[9:11] * pitch, middle, sharp, hidden)

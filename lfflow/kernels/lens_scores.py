@@ -25,6 +25,11 @@ TOP = 2.5
 OUTLIER = 5.0
 EDGE_ERROR = 0.05
 """How well the place of the second aperture's edge is known, pixels: its pixels weigh less by that much."""
+BOTH_ERROR = 0.29
+"""Where both edges shade a pixel its light is f·h if they are soft themselves and min(f, h) if the pixel's own size
+blurs them: the deviation of what lies evenly between the two, as a share of their difference."""
+RIM_ERROR = 0.5
+"""Pixels on the border of two lenses are off by so much of a lens's brightness: they hold the profile's end alone."""
 DENSE = 7
 """Parameters of a lens: β, γx, γy (relative; 1 / px), centre x, y, place of the second disc x, y (pixels)."""
 
@@ -38,7 +43,8 @@ class Look(NamedTuple):
     """What a lens looks like: tables of f and h (`Radial.table`; h may be empty) and the splines under them.
 
     `splines` (2, 3): first radius, step, number of coefficients of f and h. `sites` (4,): gain left in each Bayer site.
-    `noise` (4, 3): variance of a site by powers of the level.
+    `noise` (4, 3): variance of a site by powers of the level. Pixels nearer than `rim` to the border of a cell gather
+    light of the next lens too, pixels; 0 where that does no harm.
     """
 
     f: FloatArray
@@ -46,6 +52,7 @@ class Look(NamedTuple):
     splines: FloatArray
     sites: FloatArray
     noise: FloatArray
+    rim: float
 
 
 class Sums(NamedTuple):
@@ -97,9 +104,10 @@ def _gather(
     look: Any,
     pixels: FloatArray,
 ) -> tuple[int, float]:
-    """Columns dx, dy, r, f, f′, r₂, h, h′, value, site of the pixels of a cell; their number, and the brightness β."""
+    """Columns dx, dy, r, f, f′, r₂, h, h′, value, site, rim of the pixels of a cell; their number, and β."""
     reach = look.f.shape[0] / FINE
     count, top, bottom = 0, 0.0, 0.0
+    inner = (cell[0], cell[1], cell[2] - 2 * look.rim, cell[3] - 2 * look.rim, cell[4])
     clipped = look.h.shape[0] > 0
     for j in range(max(int(y - reach) + 1, 0), min(int(y + reach) + 1, image.shape[0])):
         for i in range(max(int(x - reach) + 1, 0), min(int(x + reach) + 1, image.shape[1])):
@@ -118,6 +126,7 @@ def _gather(
             pixels[3, count], pixels[4, count] = f, steep
             pixels[5, count], pixels[6, count], pixels[7, count] = r2, h, slope
             pixels[8, count], pixels[9, count] = value, site
+            pixels[10, count] = 0.0 if in_cell(dx, dy, inner) else RIM_ERROR
             count += 1
             top += value * f * h
             bottom += f * f * h * h
@@ -136,11 +145,15 @@ def _derive(
         residual = pixels[8, k] - model
         level = max(model, 0.0)
         edge = EDGE_ERROR * bright * f * slope
-        variance = look.noise[site, 0] + level * (look.noise[site, 1] + level * look.noise[site, 2]) + edge * edge
+        both = BOTH_ERROR * bright * (min(f, h) - f * h) if h < 1.0 and f < 1.0 else 0.0
+        variance = look.noise[site, 0] + level * (look.noise[site, 1] + level * look.noise[site, 2])
+        unsure = edge * edge + both * both + (pixels[10, k] * bright) ** 2
+        known = unsure < 0.1 * variance
+        variance += unsure
         good = residual * residual <= OUTLIER * OUTLIER * variance
         weight = 1.0 / math.sqrt(variance) if good else 0.0
         if good:
-            if abs(slope) < 1e-6:
+            if known:
                 place = min(int(level * (LEVELS / TOP)), LEVELS - 1)
                 sums.levels[site, 0, place] += 1
                 sums.levels[site, 1, place] += model
@@ -257,7 +270,7 @@ def lens_normals(
         `cell_of`, `Look`, and `Sums`, which are added to.
     """
     size = rights.shape[1]
-    pixels = np.zeros((10, int(4 * (look.f.shape[0] / FINE + 1) ** 2)))
+    pixels = np.zeros((11, int(4 * (look.f.shape[0] / FINE + 1) ** 2)))
     slopes = np.zeros((DENSE + 2, pixels.shape[1]))
     for lens in range(centres.shape[0]):
         ox, oy = offsets[lens, 0], offsets[lens, 1]
@@ -373,7 +386,7 @@ def gather_normals(
     dense = DENSE if clipped else DENSE - 2
     number = int(look.splines[0, 2]) + (int(look.splines[1, 2]) if clipped else 0) if splines else 0
     size = dense + number
-    pixels = np.zeros((10, int(4 * (look.f.shape[0] / FINE + 1) ** 2)))
+    pixels = np.zeros((11, int(4 * (look.f.shape[0] / FINE + 1) ** 2)))
     slopes = np.zeros((DENSE + 2, pixels.shape[1]))
     places = np.zeros((8, pixels.shape[1]), np.int64)
     shares = np.zeros((8, pixels.shape[1]))

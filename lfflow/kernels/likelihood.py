@@ -36,8 +36,15 @@ SPARSE = 12
 """The rounds before the last read one lens of so many (fewer where there are less than 40 000)."""
 CLIPPED_SPARSE = 3
 """With a second disc the edges' profiles are part of the problem, and the last round reads one lens of so many."""
+RIM = 0.7
+"""Half the diagonal of a pixel: so far from the border of a cell no pixel gathers light of the next lens."""
+NARROW_RIM = 0.07
+"""The rim is never more than this share of the lens pitch."""
 BLOCKS = 24
 """Blocks along each side of the sensor whose scores count as independent."""
+
+RINGS = 6
+"""Rings about the middle of the sensor in which an error of the model of two edges is the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +108,25 @@ def refine(
     clipped = states[0].aperture.h is not None
     thin = max(1, round(SPARSE * min(1.0, first.count / 40000)))
     rounds = [(thin, True)] * (3 if clipped else 2 if precise or scene is not None else 0) or [(thin, False)]
-    tried = []
-    for state in states:
-        tried.append(_improved(image, flags, state, rounds, first, scene=scene is not None))
-        if tried[-1].aperture.order >= 0:
-            break
+    tried = [_improved(image, flags, state, rounds, first, scene=scene is not None) for state in states]
     state = max(tried, key=lambda one: one.aperture.order)
     if precise:
         last = [(min(thin, CLIPPED_SPARSE), True) if clipped else (1, False)]
         state = _improved(image, flags, state, last, first, scene=scene is not None)
+    state = replace(state, covariance=state.covariance + _hidden(state))
     return replace(first, lattice=state.lattice, covariance=state.covariance), state
+
+
+def _hidden(state: State) -> FloatArray:
+    """Covariance by a second disc that may be there and was not found: the lattice is larger or smaller for it."""
+    lattice, aperture = state.lattice, state.aperture
+    if aperture.h is not None:
+        return np.zeros((5, 5))
+    k = np.array([[0.0, 0.0], [40.0, 0.0], [0.0, 40.0]])
+    centres = k @ lattice.matrix.T + (lattice.cx, lattice.cy)
+    motion = aperture.hidden * (centres - aperture.middle) / aperture.middle.max()
+    change = np.linalg.lstsq(jacobian(lattice, k).reshape(-1, 5), motion.T.ravel(), rcond=None)[0]
+    return np.asarray(np.outer(change, change))
 
 
 def _improved(
@@ -172,13 +188,14 @@ def look_of(state: State) -> Look:
         (0, 1, 0) if h is None else (h.first, h.step, len(h.coefficients)),
     ]
     table = np.zeros((0, 2)) if h is None else h.table()
-    return Look(f.table(), table, np.array(splines, dtype=float), state.sites, state.noise)
+    rim = 0.0 if h is None else min(RIM, NARROW_RIM * state.lattice.dh)
+    return Look(f.table(), table, np.array(splines, dtype=float), state.sites, state.noise, rim)
 
 
 def improve(image: FloatImage, flags: Flags, state: State, every: int, *, splines: bool, scene: bool = False) -> State:
     """One Gauss-Newton step on one lens of `every`."""
     centres = _centres(state.lattice, image.shape, every)
-    field = (centres - state.aperture.middle) / state.aperture.middle
+    field = (centres - state.aperture.middle) / state.aperture.middle.max()
     moves = _moves(state.lattice, centres, field, aperture=state.aperture, scene=scene)
     blocks = np.clip(((field + 1) * BLOCKS / 2).astype(np.int64), 0, BLOCKS - 1) @ np.array([1, BLOCKS])
     look, common = look_of(state), moves.shape[2]
@@ -190,7 +207,7 @@ def improve(image: FloatImage, flags: Flags, state: State, every: int, *, spline
         image, flags, centres, state.aperture.offsets(centres), moves, blocks, cell_of(state.lattice), look,
         3 if scene else 1, splines, state.typical, sums, totals, scores, misfit,
     )  # fmt: skip
-    step, covariance = _solve(totals, scores, common)
+    step, covariance = _solve(totals, scores, common, None if state.aperture.h is None else _regions())
     typical = float(np.median(misfit[misfit > 0])) if scene and (misfit > 0).any() else 0.0
     return replace(_moved(state, step, covariance, centres, moves, sums), typical=typical)
 
@@ -216,7 +233,7 @@ def _moves(lattice: Lattice, centres: FloatArray, field: FloatArray, *, aperture
     """Derivatives of each lens's gradient, centre and second disc by the common parameters, (n, 2 to 6, parameters)."""
     first, clipped = 0 if scene else 2, aperture.h is not None
     gradients = 6 if aperture.sharp and not scene else 0
-    moves = np.zeros((len(centres), first + (4 if clipped else 2), 5 + gradients + (3 if clipped else 0)))
+    moves = np.zeros((len(centres), first + (4 if clipped else 2), 5 + gradients + (4 if clipped else 0)))
     moves[:, first : first + 2, :5] = np.moveaxis(jacobian(lattice, lens_indices(lattice, centres)), 0, 1)
     for axis in (0, 1):
         if gradients:
@@ -224,11 +241,13 @@ def _moves(lattice: Lattice, centres: FloatArray, field: FloatArray, *, aperture
             moves[:, axis, 6 + 3 * axis : 8 + 3 * axis] = field
         if clipped:
             moves[:, first + 2 + axis, 5 + gradients + axis] = 1
-            moves[:, first + 2 + axis, 7 + gradients] = field[:, axis]
+            moves[:, first + 2 + axis, 7 + gradients + axis] = field[:, axis]
     return moves
 
 
-def _solve(totals: FloatArray, scores: FloatArray, common: int) -> tuple[FloatArray, FloatArray]:
+def _solve(
+    totals: FloatArray, scores: FloatArray, common: int, regions: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Step and covariance of the shared parameters from the normal equations of blocks."""
     totals = np.tril(totals) + np.swapaxes(np.tril(totals, -1), 1, 2)
     normal = totals.sum(axis=0)
@@ -241,7 +260,19 @@ def _solve(totals: FloatArray, scores: FloatArray, common: int) -> tuple[FloatAr
     inverse = np.linalg.inv(scaled + np.diag(ridge)) * np.outer(scale, scale)
     step = inverse @ scores.sum(axis=0)
     left = scores - totals @ step
-    return step, inverse @ (left.T @ left) @ inverse
+    covariance = inverse @ (left.T @ left) @ inverse
+    if regions is not None:
+        # Outliers left out and unsure pixels make the scores scatter less than the weights say: both count.
+        left = regions @ left
+        covariance += inverse @ (left.T @ left) @ inverse + inverse
+    return step, covariance
+
+
+def _regions() -> FloatArray:
+    """Which blocks (regions, blocks) share what the model of two edges misses: rings, each along x and along y."""
+    place = np.abs(np.indices((BLOCKS, BLOCKS)) - (BLOCKS - 1) / 2).reshape(2, -1)
+    ring = np.clip((np.hypot(*place) / (BLOCKS / 2 * np.sqrt(2)) * RINGS).astype(np.int64), 0, RINGS - 1)
+    return np.asarray(np.eye(2 * RINGS)[:, 2 * ring + (place[0] > place[1])])
 
 
 def _noise_model(levels: FloatArray, before: FloatArray) -> FloatArray:
@@ -255,4 +286,4 @@ def _noise_model(levels: FloatArray, before: FloatArray) -> FloatArray:
     level, variance = total[filled] / count[filled], squares[filled] / count[filled]
     weight = np.sqrt(count[filled]) / np.maximum(variance, 1e-12)
     found, _ = nnls(level[:, None] ** np.arange(3) * weight[:, None], variance * weight)
-    return np.array([max(found[0], 1e-2 * float(variance.min())), found[1], found[2]])
+    return np.array([max(found[0], 0.2 * float(variance.min())), found[1], found[2]])
