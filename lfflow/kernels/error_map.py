@@ -21,7 +21,7 @@ FILLED: Final = 16
 
 MODEL_ERROR = 0.003
 """What stays without noise: interpolation between lenses and the slope of surfaces inside a block (simulated F01)."""
-NOISE_FACTOR = 1.4
+NOISE_FACTOR = 1.6
 """Measured over predicted error: neighbours share the completed picture, so their residuals are not independent."""
 STEP_SHARE = 0.12
 """Error per difference of the disparities within two lenses."""

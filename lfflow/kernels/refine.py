@@ -134,19 +134,32 @@ def read_picture(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
     """Picture at X = x, row y and its slopes to the right (per lens) and down (per row)."""
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     upper = min(max(int(np.floor(y)), 0), rows - 2)
-    fy = y - np.float32(upper)
-    high, slope_high = _row(padded, upper + 1, x - offset[upper], columns, c)
-    low, slope_low = _row(padded, upper + 2, x - offset[upper + 1], columns, c)
-    share = np.float32(1) - fy
-    return share * high + fy * low, share * slope_high + fy * slope_low, low - high
+    p_0, q_0 = _row(padded, upper, x - offset[max(upper - 1, 0)], columns, c)
+    p_1, q_1 = _row(padded, upper + 1, x - offset[upper], columns, c)
+    p_2, q_2 = _row(padded, upper + 2, x - offset[upper + 1], columns, c)
+    p_3, q_3 = _row(padded, upper + 3, x - offset[min(upper + 2, rows - 1)], columns, c)
+    f = min(max(y - np.float32(upper), np.float32(0)), np.float32(1))
+    value, down = _cubic(p_0, p_1, p_2, p_3, f)
+    right, _ = _cubic(q_0, q_1, q_2, q_3, f)
+    return value, right, down
 
 
 @numba.njit(nogil=True, cache=True, inline="always")
 def _row(padded, row, place, columns, c):  # type: ignore[no-untyped-def]
     place = min(max(place, np.float32(0)), np.float32(columns - 1))
-    left = int(place)
-    slope = padded[row, left + 2, c] - padded[row, left + 1, c]
-    return padded[row, left + 1, c] + (place - np.float32(left)) * slope, slope
+    left = min(int(place), columns - 2)
+    p_0, p_1 = padded[row, left, c], padded[row, left + 1, c]
+    return _cubic(p_0, p_1, padded[row, left + 2, c], padded[row, left + 3, c], place - np.float32(left))
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _cubic(p_0, p_1, p_2, p_3, f):  # type: ignore[no-untyped-def]
+    """Value and slope at `f` between the middle two of four samples (Keys): a line moves fine texture to the lenses."""
+    half, two, three = np.float32(0.5), np.float32(2), np.float32(3)
+    linear = half * (p_2 - p_0)
+    square = p_0 - np.float32(2.5) * p_1 + two * p_2 - half * p_3
+    cube = half * (p_3 - p_0) + (p_1 - p_2) * np.float32(1.5)
+    return p_1 + f * (linear + f * (square + f * cube)), linear + f * (two * square + three * f * cube)
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})

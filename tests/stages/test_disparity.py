@@ -22,6 +22,12 @@ def test_a_plane_has_one_disparity(d):
     assert float((abs(inner - d) > 0.1).mean()) < 0.02
 
 
+@pytest.mark.parametrize("d", [-0.4, 0.17])
+def test_a_plane_without_noise_is_hardly_drawn_to_the_samples(d):
+    inner = lfflow.disparity(lightfield(plane(d))).disparity.isel(t=slice(6, -6), s=slice(6, -6))
+    assert float(abs(inner - d).median()) < 0.007
+
+
 def test_threads_do_not_change_a_bit(tilted):
     xr.testing.assert_identical(lfflow.disparity(tilted, threads=3), lfflow.disparity(tilted))
 
