@@ -155,10 +155,10 @@ def differences(found: bytes, expected: bytes) -> list[str]:
     if not isinstance(mine, dict):
         return ["not a zarr node"]
     for document in (mine, theirs):
-        if document.get("dimension_names", [None])[0] == "capture":
+        if _captures(document) is not None:
             document["shape"] = document["shape"][1:]
-        if document.get("node_type") == "group":
-            document.get("attributes", {}).pop("history", None)
+        if document.get("node_type") == "group" and isinstance(document.get("attributes"), dict):
+            document["attributes"].pop("history", None)
     keys = sorted({*mine, *theirs})
     return [
         f"{key}: found {mine.get(key)}, expected {theirs.get(key)}" for key in keys if mine.get(key) != theirs.get(key)
@@ -167,8 +167,16 @@ def differences(found: bytes, expected: bytes) -> list[str]:
 
 def is_shorter(found: bytes, expected: bytes) -> bool:
     """Whether an array has fewer captures than its group: a power cut took its last growth."""
-    mine, theirs = json.loads(found), json.loads(expected)
-    return theirs.get("dimension_names", [None])[0] == "capture" and bool(mine["shape"][0] < theirs["shape"][0])
+    mine, theirs = _captures(json.loads(found)), _captures(json.loads(expected))
+    return mine is not None and theirs is not None and mine < theirs
+
+
+def _captures(document: Any) -> int | None:
+    """Captures that the metadata of an array have room for; None where they say nothing of it, or are damaged."""
+    shape, names = (document.get(key) if isinstance(document, dict) else None for key in ("shape", "dimension_names"))
+    if not (isinstance(shape, list) and isinstance(names, list) and shape and names[:1] == ["capture"]):
+        return None
+    return shape[0] if isinstance(shape[0], int) else None
 
 
 def looks_rotten(found: bytes, expected: bytes) -> bool:
