@@ -3,7 +3,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfflow.collection.template import differences, is_shorter
+from lfflow.collection.template import differences, is_shorter, looks_rotten
 
 NODE = json.dumps(
     {"shape": [3, 4], "dimension_names": ["capture", "t"], "node_type": "array", "zarr_format": 3}
@@ -30,3 +30,12 @@ def test_a_flipped_bit_in_the_metadata_of_an_array_is_a_difference_and_no_crash(
     if document.get("shape", [None])[0] == 3 and document != json.loads(NODE):
         assert found
     is_shorter(bytes(damaged), NODE)
+
+
+def test_damage_is_told_from_intent_also_behind_a_history() -> None:
+    group = {"attributes": {"Conventions": "CF-1.11", "title": "where the lenses are"}, "node_type": "group"}
+    written = {**group, "attributes": {**group["attributes"], "history": "2026-01-01 made"}}
+    found, wanted = json.dumps(written).encode(), json.dumps(group).encode()
+    assert differences(found, wanted) == []
+    assert looks_rotten(found.replace(b"Conventions", b"Conven|ions"), wanted)
+    assert not looks_rotten(found.replace(b"CF-1.11", b"my own convention"), wanted)
