@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from lfflow.cli.options import Json, Range, ViewsFolder
 from lfflow.errors import LfflowError
 
 _TRUTHS = ("gt_disp_lowres.pfm", "gt_disp.pfm")
@@ -18,24 +16,18 @@ class NoTruthError(LfflowError):
 
 
 def benchmark(
-    folder: Path,
+    folder: ViewsFolder,
     *,
     gt: Path | None = None,
-    range: Annotated[tuple[float, float] | None, Parameter(name="--range")] = None,  # noqa: A002 - the option's name
-    json: Annotated[bool, Parameter(negative="")] = False,
+    range: Range = None,  # noqa: A002 - the option's name
+    json: Json = False,
 ) -> int:
     """Score the disparity of a folder of views: BadPix 0.07/0.03/0.01 (%), MSE × 100, Q25, CPU seconds.
 
     Parameters
     ----------
-    folder
-        Folder of view images (input_Cam000.png … of a 9×9 grid, row by row; some may be missing).
     gt
         Ground truth of the central view, PFM; gt_disp_lowres.pfm in the folder when not given.
-    range
-        Smallest and largest disparity; found from the views when not given.
-    json
-        Print one JSON document.
     """
     import os
     import time

@@ -4,30 +4,23 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from lfflow.cli.options import Json, Range, ViewsFolder
 
 
 def disparity(
-    folder: Path,
+    folder: ViewsFolder,
     *,
     out: Path,
-    range: Annotated[tuple[float, float] | None, Parameter(name="--range")] = None,  # noqa: A002 - the option's name
-    json: Annotated[bool, Parameter(negative="")] = False,
+    range: Range = None,  # noqa: A002 - the option's name
+    json: Json = False,
 ) -> int:
     """Estimate the disparity of the central view of a folder of views.
 
     Parameters
     ----------
-    folder
-        Folder of view images (input_Cam000.png … of a 9×9 grid, row by row; some may be missing).
     out
         PFM file to write, pixels per view step.
-    range
-        Smallest and largest disparity; found from the views when not given.
-    json
-        Print one JSON document.
     """
     import os
     import time

@@ -57,3 +57,10 @@ Memory = Annotated[
 AcceptDamaged = Annotated[
     bool, Parameter(help="Take files whose checksums are wrong, and record that they are.", negative="")
 ]
+ViewsFolder = Annotated[
+    Path, Parameter(help="Folder of view images (input_Cam000.png … of a 9×9 grid, row by row; some may be missing).")
+]
+Range = Annotated[
+    tuple[float, float] | None,
+    Parameter(name="--range", help="Smallest and largest disparity; found from the views when not given."),
+]

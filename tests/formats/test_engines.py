@@ -51,6 +51,14 @@ def pair(folder: Path, number: int) -> Made:
     return str(folder / f"MOD_{number}.RAW"), "lfp", "raw", samples(number)
 
 
+def plain_tar(path: Path, files: dict[str, bytes]) -> None:
+    with tarfile.open(path, "w") as tar:
+        for name, data in files.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(data)
+            tar.addfile(info, io.BytesIO(data))
+
+
 def archived(folder: Path, number: int, *, storage: bool = True) -> Made:
     image, text = pair_bytes(samples(number), metadata_of("f01", *SHAPE), PRIVATE)
     files = {"C:\\T1CALIB\\MOD_0001.RAW": image, "C:\\T1CALIB\\MOD_0001.TXT": text}
@@ -58,11 +66,7 @@ def archived(folder: Path, number: int, *, storage: bool = True) -> Made:
     if storage:
         write_storage(path, files)
     else:
-        with tarfile.open(path, "w") as tar:
-            for name, data in files.items():
-                info = tarfile.TarInfo(name)
-                info.size = len(data)
-                tar.addfile(info, io.BytesIO(data))
+        plain_tar(path, files)
     return f"{path}::MOD_0001.RAW", "lfp", "raw", samples(number)
 
 
@@ -193,11 +197,7 @@ def test_opening_an_image_of_an_archive_reads_no_image(tmp_path, storage) -> Non
     if storage:
         write_storage(path, files)
     else:
-        with tarfile.open(path, "w") as tar:
-            for name, data in files.items():
-                info = tarfile.TarInfo(name)
-                info.size = len(data)
-                tar.addfile(info, io.BytesIO(data))
+        plain_tar(path, files)
     assert path.stat().st_size > 3 * len(image)
     assert cost(lambda: xr.open_dataset(f"{path}::MOD_0001.RAW", engine="lfp")) < 200_000
     lazy = xr.open_dataset(f"{path}::MOD_0001.RAW", engine="lfp")["raw"]
