@@ -1,4 +1,4 @@
-"""Semi-global aggregation of a cost volume, and filling of what cannot be trusted, on square and brick lattices.
+"""Semi-global aggregation of a cost volume on square and brick lattices.
 
 A path sweeps the lattice from each neighbour direction (8 on the square grid, 6 on the brick layout) and adds to every
 hypothesis the cheapest way to have reached it (Hirschmüller 2008); the jump penalty falls where the guide has an edge.
@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
 
 _FLAGS = {"nnan", "nsz", "contract"}
 _SQUARE = np.array([[-1, 0, 1], [-1, 0, 1]], dtype=np.int64)
@@ -121,31 +120,6 @@ def winner(total: FloatArray, hypotheses: FloatArray) -> FloatArray:
     return np.asarray(np.where(flat, np.nan, hypotheses[best] + step * shift), dtype=np.float32)
 
 
-def fill(
-    disparity: FloatArray,
-    std: FloatArray,
-    valid: BoolArray,
-    guide: FloatArray | None = None,
-    *,
-    edge: float = 0.08,
-    brick: bool = False,
-) -> FloatArray:
-    """Disparity (t, s) whose places that are not `valid` are taken from trusted neighbours on their side of the edge.
-
-    From every such place rays go out along the neighbour directions to the nearest trusted place; the weighted median
-    of what they find is taken, with weight exp(−guide change along the ray / `edge`) / (length · (std + 0.01)).
-    """
-    rows, columns = disparity.shape
-    picture = (
-        np.zeros((rows, columns, 1), dtype=np.float32) if guide is None else np.ascontiguousarray(guide, "float32")
-    )
-    trusted = valid & np.isfinite(disparity)
-    spread = np.nan_to_num(np.asarray(std, dtype=np.float32), nan=1.0, posinf=1.0)
-    start = np.ascontiguousarray(disparity, "float32")
-    filled: FloatArray = _fill(start, spread, trusted, picture, _BRICK if brick else _SQUARE, np.float32(edge))
-    return filled
-
-
 @numba.njit(nogil=True, cache=True)
 def _define(cost: FloatArray) -> None:
     rows, columns, labels = cost.shape
@@ -217,59 +191,3 @@ def _sweep(cost, guide, offsets, step, small, large, edge, total):  # type: igno
                     cost[t, s], path[row, way, s_before], path[now, way, s], least[row, way, s_before], small, jump,
                     total[t, s],
                 )  # fmt: skip
-
-
-@numba.njit(nogil=True, cache=True)
-def _ray(trusted, guide, offsets, t, s, way, edge):  # type: ignore[no-untyped-def]
-    """Nearest trusted place along one neighbour direction: (t, s, length, guide change); length 0 when none."""
-    rows, columns, channels = guide.shape
-    ways = offsets.shape[1]
-    change = np.float32(0)
-    length = 0
-    while True:
-        t_before, s_before = t, s
-        if way < 2:
-            s += 1 if way == 0 else -1
-        elif way < 2 + ways:
-            t, s = t - 1, s + offsets[t % 2, way - 2]
-        else:
-            t, s = t + 1, s + offsets[t % 2, way - 2 - ways]
-        length += 1
-        if t < 0 or s < 0 or t >= rows or s >= columns:
-            return t_before, s_before, 0, change
-        for c in range(channels):
-            change += abs(guide[t, s, c] - guide[t_before, s_before, c]) / (channels * edge)
-        if trusted[t, s]:
-            return t, s, length, change
-
-
-@numba.njit(nogil=True, cache=True)
-def _fill(disparity, std, trusted, guide, offsets, edge):  # type: ignore[no-untyped-def]
-    out = disparity.copy()
-    rows, columns = disparity.shape
-    count = 2 + 2 * offsets.shape[1]
-    value = np.empty(count, dtype=np.float32)
-    weight = np.empty(count, dtype=np.float32)
-    for t in range(rows):
-        for s in range(columns):
-            if trusted[t, s]:
-                continue
-            found = 0
-            for way in range(count):
-                t_found, s_found, length, change = _ray(trusted, guide, offsets, t, s, way, edge)
-                if length > 0:
-                    value[found] = disparity[t_found, s_found]
-                    near = math.exp(-change) + 1e-6
-                    weight[found] = near / (length * (std[t_found, s_found] + 0.01))
-                    found += 1
-            if found > 0:
-                order = np.argsort(value[:found])
-                half, so_far = weight[:found].sum() / 2, 0.0
-                for k in order:
-                    so_far += weight[k]
-                    if so_far >= half:
-                        out[t, s] = value[k]
-                        break
-            else:
-                out[t, s] = np.nan
-    return out

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lfflow.kernels.aggregate import accumulate, fill, regularise
+from lfflow.kernels.aggregate import accumulate, regularise
 
 
 def _wedge(rows=24, columns=30, noise=0.0):
@@ -44,14 +44,3 @@ def test_one_path_step_equals_its_definition():
 def test_places_without_any_cost_give_nan():
     empty = np.full((5, 4, 4), np.nan, dtype=np.float32)
     assert np.isnan(regularise(empty, np.arange(5.0))).all()
-
-
-@pytest.mark.parametrize("brick", [False, True])
-def test_holes_are_filled_from_their_side_of_the_edge(brick):
-    _, _, truth, guide = _wedge()
-    valid = np.ones(truth.shape, dtype=bool)
-    valid[6:14, 8:22] = False
-    broken = np.where(valid, truth, 5.0).astype(np.float32)
-    found = fill(broken, np.full(truth.shape, 0.02, dtype=np.float32), valid, guide, brick=brick)
-    assert np.abs(found - truth).max() < 0.07
-    np.testing.assert_array_equal(found[valid], broken[valid])
