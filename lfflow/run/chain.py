@@ -192,7 +192,7 @@ def _draw(lightfield: xr.Dataset, disparity: xr.Dataset, path: str) -> None:
 CHAIN = Chain(
     open_lfp,
     (
-        Stage("calibration", 2, CALIBRATION, (), _calibration,
+        Stage("calibration", 3, CALIBRATION, (), _calibration,
               {"calibration": "lfflow.stages.calibrate:calibrate"}, calibration_work, 1.0, 0.2, uses_darks=True),
         Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
               {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, lightfield_work, 4.0, 0.2),
