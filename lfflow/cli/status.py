@@ -39,11 +39,12 @@ def status(
         text = _explained(document)
     else:
         document = opened.status()
-        text = lines(document["failed"].items())
         if failed:
             document = {"failed": document["failed"]}
+            text = lines(document["failed"].items())
         else:
-            text = [*_counted(document), *(["", "failed"] if text else []), *(f"  {line}" for line in text)]
+            text = [*_counted(document), *_listed("failed", document["failed"])]
+            text += _listed("taken although damaged", document["damaged"])
     output = [json.dumps(document, indent=1)] if json_ else text
     sys.stdout.write("".join(f"{line}\n" for line in output))
     return 0
@@ -57,10 +58,15 @@ def _counted(document: dict[str, Any]) -> list[str]:
     return [first, "", *lines(rows, header=["stage", *states])] if states else [first]
 
 
+def _listed(title: str, reasons: dict[str, str]) -> list[str]:
+    return ["", title, *(f"  {line}" for line in lines(reasons.items()))] if reasons else []
+
+
 def _explained(document: dict[str, Any]) -> list[str]:
     facts = {name: value for name, value in document.items() if not isinstance(value, list | dict) and value != ""}
     text = lines((name.replace("_", " "), value) for name, value in facts.items())
     text += ["", *lines(document["stages"].items(), header=["stage", "state"])] if document["stages"] else []
+    text += _listed("made of damaged files", document["damaged"])
     if document["candidates"]:
         text += ["", "white images of this camera, nearest first", *(f"  {each}" for each in document["candidates"])]
     return text

@@ -21,7 +21,7 @@ _SEAL = "catalogue.sha256.json"
 Row = dict[str, Any]
 
 TEXT = ("id", "path", "sha256", "kind", "judged_by", "camera_model", "camera_serial", "group", "white",
-        "duplicate_of", "reason", "told_kind")  # fmt: skip
+        "duplicate_of", "reason", "told_kind", "damaged")  # fmt: skip
 WHOLE = ("size", "mtime_ns", "height", "width")
 NUMBERS = ("iso", "exposure_time", "f_number", "focal_length", "zoom_step", "focus_step", "infinity_lambda",
            "temperature", "pixel_pitch", "lens_pitch", "white_distance")  # fmt: skip

@@ -111,6 +111,7 @@ class Collection:
             raise CollectionError(f"no capture {capture!r} in {self.storage.url}")
         row = pd.Series(table.loc[capture])
         found = candidates(row, table) if row["kind"] == "scene" else []
+        made = [record for kind in KINDS if (record := self.ledger.find(kind, capture)) is not None]
         return {
             "capture": capture,
             "path": str(row["path"]),
@@ -119,18 +120,25 @@ class Collection:
             "white": str(row["white"]),
             "white_reason": reason(row, found) if row["kind"] == "scene" else "",
             "failure": str(row["failure"]),
+            "damaged": {file: words for record in made for file, words in record.damaged.items()},
             "candidates": [str(candidate) for candidate in found],
             "stages": {kind: str(row[f"{kind}_state"]) for kind in KINDS if row[f"{kind}_state"]},
         }
 
     def status(self) -> dict[str, Any]:
-        """Counts of captures by kind and of stages by state, and the reason of every failure."""
+        """Counts of captures by kind and of stages by state, the reason of every failure, what damage was accepted."""
         table = self.catalogue()
         stages = {kind: {str(k): int(v) for k, v in table[f"{kind}_state"].value_counts().items() if k}
                   for kind in KINDS}  # fmt: skip
-        failed = {str(row["id"]): str(row["failure"]) for _, row in table[table["failure"] != ""].iterrows()}
         kinds = {str(k) or "unreadable": int(v) for k, v in table["kind"].value_counts().items()}
-        return {"collection": self.storage.url, "files": len(table), "kinds": kinds, "stages": stages, "failed": failed}
+        return {
+            "collection": self.storage.url,
+            "files": len(table),
+            "kinds": kinds,
+            "stages": stages,
+            "failed": _said(table, "failure"),
+            "damaged": _said(table, "damaged"),
+        }
 
     def open(
         self, kind: str, *, camera: str | None = None, chunks: Mapping[Any, int] | str | None = "capture"
@@ -152,8 +160,7 @@ class Collection:
         records = {r.slot: r for r in self.ledger.records(kind).values() if r.group == group}
         slots = sorted(slot for slot in records if slot < everything.sizes["capture"])
         finished = [records[slot] for slot in slots]
-        ds = everything.drop_vars([v.name for v in small_variables(store.schema)], errors="ignore")
-        ds = ds.isel(capture=np.array(slots, dtype=int))
+        ds = everything.isel(capture=np.array(slots, dtype=int))
         names = np.array([record.capture for record in finished], dtype=object)
         ds = ds.assign_coords(capture=("capture", names))
         for variable in small_variables(store.schema):
@@ -196,6 +203,12 @@ def _chunked(ds: xr.Dataset, chunks: Mapping[Any, int]) -> xr.Dataset:
         if LARGE_DIMS & set(variable.dims) and variable.ndim > 1:
             ds[name] = ds[name].chunk({dim: size for dim, size in chunks.items() if dim in variable.dims})
     return ds
+
+
+def _said(table: pd.DataFrame, column: str) -> dict[str, str]:
+    """What a column says of the captures of which it says anything."""
+    rows = table.loc[table[column] != "", ["id", column]]
+    return {str(name): str(words) for name, words in rows.itertuples(index=False)}
 
 
 _FACTS = ("reason", "duplicate_of", "kind", "white")

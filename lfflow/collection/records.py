@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, unquote
@@ -15,6 +15,10 @@ from lfflow.errors import CollectionError
 DONE = "done"
 FAILED = "failed"
 DAMAGED = "damaged"
+
+
+_BATCH = 500
+"""Records that are read at once."""
 
 
 class DamagedRecordError(CollectionError):
@@ -41,6 +45,8 @@ class Record:
         Variables without large dims, as `lfflow.collection.scalars` encodes them.
     reason, transient
         Why it failed, and whether the same input may succeed another time.
+    damaged
+        What is wrong with the files that it was made of although they were accepted, by file.
     """
 
     stage: str
@@ -59,6 +65,7 @@ class Record:
     seconds: float = 0.0
     reason: str = ""
     transient: bool = False
+    damaged: Mapping[str, str] = field(default_factory=dict)
 
 
 def canonical(document: Any) -> bytes:
@@ -96,14 +103,16 @@ class Ledger:
 
     def read(self, stage: str, capture: str, state: str = DONE) -> Record | None:
         """Return the record, or None; a damaged one raises DamagedRecordError."""
-        name = self._name(stage, capture, state)
         try:
-            data = self._storage.read(name)
+            data = self._storage.read(self._name(stage, capture, state))
         except FileNotFoundError:
             return None
-        document = unsealed(data, name)
+        return self._parsed(data, stage, capture, state)
+
+    def _parsed(self, data: bytes, stage: str, capture: str, state: str) -> Record:
+        name = self._name(stage, capture, state)
         try:
-            record = Record(**document)
+            record = Record(**unsealed(data, name))
         except TypeError as error:
             raise DamagedRecordError(f"{name} is no record: {error}") from error
         if (record.stage, record.capture, record.state) != (stage, capture, state):
@@ -140,10 +149,22 @@ class Ledger:
 
     def fingerprints(self, stage: str) -> dict[str, str]:
         """Fingerprint of everything that is done of a stage, by capture: a small part of the records."""
-        found = ((capture, self.find(stage, capture)) for capture in self.captures(stage))
-        return {capture: record.fingerprint for capture, record in found if record is not None}
+        return {name: record.fingerprint for name, record in self.each(stage) if isinstance(record, Record)}
 
     def records(self, stage: str, state: str = DONE) -> dict[str, Record]:
         """Whole records of a stage, by capture."""
-        found = ((capture, self.find(stage, capture, state)) for capture in self.captures(stage, state))
-        return {capture: record for capture, record in found if record is not None}
+        return {name: record for name, record in self.each(stage, state) if isinstance(record, Record)}
+
+    def each(self, stage: str, state: str = DONE) -> Iterator[tuple[str, Record | DamagedRecordError]]:
+        """Every capture that has a record, with the record, or with what is wrong with it."""
+        known = self.captures(stage, state)
+        for first in range(0, len(known), _BATCH):
+            captures = known[first : first + _BATCH]
+            files = {capture: self._name(stage, capture, state) for capture in captures}
+            contents = self._storage.read_many(list(files.values()))
+            for capture, file in files.items():
+                if file in contents:
+                    try:
+                        yield capture, self._parsed(contents[file], stage, capture, state)
+                    except DamagedRecordError as error:
+                        yield capture, error

@@ -16,7 +16,7 @@ from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.collection import identity
 from lfflow.collection.catalogue import NUMBERS, Row, frame, rows_of
 from lfflow.collection.inputs import contents, digest, file_of, file_state, is_there
-from lfflow.collection.judge import judge
+from lfflow.collection.judge import CONTENT, judge
 from lfflow.errors import FormatError, LfflowError
 
 _READERS = 4
@@ -48,7 +48,7 @@ def scan(
     white, dark
         Files that are told to be so, whatever their metadata and content say.
     again
-        Try files anew that could not be read before.
+        Try files anew that could not be read before, or of which no sample was read.
     finished
         Captures with results: their rows stay when their files are gone.
 
@@ -82,13 +82,19 @@ class _Reader:
     def unchanged(self, path: str) -> Row | None:
         """Known row of a picture that is as it was, else None."""
         known = self.before.get(path)
-        if known is None or (self.again and known["reason"]) or not _is_whole(known):
+        if known is None or not self._stands(known):
             return None
         try:
             same = (known["size"], known["mtime_ns"]) == file_state(path)
         except OSError:
             return None
         return {**known, "missing": False} if same and self._told_kind(path) == known["told_kind"] else None
+
+    def _stands(self, known: Row) -> bool:
+        """Whether a row says all that its picture would tell now: one that was made from the ledger does not."""
+        whole = bool(known["sha256"]) and bool(known["reason"] or known["judged_by"])
+        unread = known["kind"] != "scene" and known["judged_by"] != CONTENT
+        return whole and not (self.again and (known["reason"] or unread))
 
     def read(self, path: str) -> list[Row]:
         """Rows of everything in a file: none when it is gone, one of a picture, one for each entry of an archive."""
@@ -114,7 +120,7 @@ class _Reader:
             row["size"], row["mtime_ns"] = file_state(path)
             row["sha256"] = digest(path)
             same = known is not None and row["sha256"] == known["sha256"] and row["told_kind"] == known["told_kind"]
-            if known is not None and same and _is_whole(known) and not (self.again and known["reason"]):
+            if known is not None and same and self._stands(known):
                 return {**known, **row, "missing": False}
             with self.open_raw(path) as raw:
                 return row | _metadata(raw, path, row["told_kind"])
@@ -122,11 +128,6 @@ class _Reader:
             reason = _words(error, path)
             _log.info("%s: %s", path, reason)
             return row | {"reason": reason}
-
-
-def _is_whole(known: Row) -> bool:
-    """Whether a row says all that its picture told: one that was made from the ledger does not."""
-    return bool(known["sha256"]) and bool(known["reason"] or known["judged_by"])
 
 
 def _words(error: Exception, path: str) -> str:
@@ -148,6 +149,7 @@ def _metadata(raw: xr.Dataset, path: str, told: str) -> Row:
     for name in ("camera_model", "camera_serial"):
         row[name] = str(raw.variables[name].values.item()) if name in raw.variables else ""
     row["time"] = raw["time"].values if "time" in raw.variables else np.datetime64("NaT", "ns")
+    row["damaged"] = str(raw.attrs.get("damaged", ""))
     row["kind"], row["judged_by"] = judge(raw, told)
     row["height"], row["width"] = int(raw.sizes["y"]), int(raw.sizes["x"])
     row["group"] = group_name(row["camera_model"], row["height"], row["width"])

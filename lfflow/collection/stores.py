@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,11 +15,10 @@ from lfflow.collection import template
 from lfflow.collection.records import DamagedRecordError, Record, sealed, unsealed
 from lfflow.collection.scalars import decode, encode, is_region, small_variables
 from lfflow.collection.storage import Storage
+from lfflow.collection.whole_store import WholeStore
 from lfflow.errors import SchemaError
 from lfflow.kernels.threads import each
 from lfflow.schema import Schema, Variable
-
-_PATIENCE, _PAUSE_SECONDS = 20, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +38,7 @@ class Store:
         self.schema = schema
         self.folder = f"{schema.name}.zarr"
         self._zarr = storage.zarr_store(self.folder)
+        self._whole = WholeStore(self._zarr, _always_written(schema))
 
     def groups(self) -> list[str]:
         """Groups (camera models) of the store."""
@@ -129,7 +128,7 @@ class Store:
                 self.storage.write(name, wanted)
                 continue
             differences = template.differences(found, wanted)
-            rotten = template.looks_rotten(found, wanted) if differences else template.is_shorter(found, wanted)
+            rotten = template.looks_rotten(found, wanted) if differences else template.has_other_length(found, wanted)
             if rotten:
                 self.storage.write(name, wanted)
             elif differences:
@@ -162,8 +161,9 @@ class Store:
         self.storage.write(name, data, durable=durable)
 
     def _array(self, group: str, name: str, mode: Any) -> Any:
-        config = {"write_empty_chunks": True}
-        return zarr.open_array(self._zarr, path=f"{group}/{name}", mode=mode, zarr_format=3, config=config)
+        store = self._whole if mode == "r" else self._zarr
+        array = zarr.open_array(store, path=f"{group}/{name}", mode=mode, zarr_format=3)
+        return array.with_config({"write_empty_chunks": True})
 
     def region_files(self, group: str, slot: int, *, only: Container[str] | None = None) -> list[str]:
         """Names of the files of one capture's region."""
@@ -260,19 +260,24 @@ class Store:
         return encode(ds, self.schema)
 
     def open(self, group: str) -> xr.Dataset:
-        """All slots of a group, lazily, without dask; what is finished is for the ledger to say.
+        """Regions and axes of all slots of a group, lazily, without dask; what is finished is for the ledger to say.
 
-        While a run lets the group grow, its arrays differ in length for a moment: that moment is waited for.
+        Arrays that differ in length, because a run lets the group grow or was killed when it did, have the shortest:
+        all that is finished lies within.
         """
-        for _ in range(_PATIENCE):
-            try:
-                return self._open(group)
-            except (ValueError, FileNotFoundError):
-                time.sleep(_PAUSE_SECONDS)
-        return self._open(group)
+        source = xr.backends.ZarrStore.open_group(self._whole, mode="r", group=group, consolidated=False)
+        variables, attributes = source.load()
+        shown = {
+            v.name: variables[v.name] for v in self.schema.variables if v.axis or is_region(v) if v.name in variables
+        }
+        length = min((v.sizes["capture"] for v in shown.values() if "capture" in v.dims), default=0)
+        shown = {name: v.isel(capture=slice(length), missing_dims="ignore") for name, v in shown.items()}
+        return xr.decode_cf(xr.Dataset(shown, attrs=attributes))
 
-    def _open(self, group: str) -> xr.Dataset:
-        return xr.open_dataset(self._zarr, engine="zarr", group=group, chunks=None, consolidated=False)
+
+def _always_written(schema: Schema) -> list[str]:
+    """Arrays of which every chunk that a reader of finished captures meets is there: axes, and required regions."""
+    return [v.name for v in schema.variables if v.axis or (v.required and is_region(v))]
 
 
 def _rounded(values: np.ndarray[Any, Any], keep_bits: int) -> np.ndarray[Any, Any]:

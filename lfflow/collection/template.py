@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from lfflow.schema import PARAMETERS, Schema, Variable
 _SMALL_CHUNK = 4096
 _LARGEST_BLOCK = 1024
 _NAT = np.iinfo(np.int64).min
+_LIST_OF_TEXTS = re.compile(rb'(?<=": )\[(?:\s*"(?:[^"\\]|\\.)*",?)*\s*\]')
 _LABELS = {"channel": CHANNELS, "site": SITES, "parameter": PARAMETERS, "axis": ("x", "y")}
 
 
@@ -170,10 +172,10 @@ def _lasting(data: bytes) -> Any:
     return document
 
 
-def is_shorter(found: bytes, expected: bytes) -> bool:
-    """Whether an array has fewer captures than its group: a power cut took its last growth."""
+def has_other_length(found: bytes, expected: bytes) -> bool:
+    """Whether an array has not the captures of its group: its last growth was lost, stopped half-way, or rotted."""
     mine, theirs = _captures(json.loads(found)), _captures(json.loads(expected))
-    return mine is not None and theirs is not None and mine < theirs
+    return mine is not None and theirs is not None and mine != theirs
 
 
 def _captures(document: Any) -> int | None:
@@ -188,15 +190,15 @@ def looks_rotten(found: bytes, expected: bytes) -> bool:
     """Whether a metadata file is the expected one with a few bytes hit, rather than another program's intent.
 
     Files are compared as they were written, since other programs lay them out in other ways; but a group carries its
-    history, which is compared without.
+    history, a list of texts whose name may be what was hit, which is compared without.
     """
     try:
-        mine, theirs = _lasting(found), _lasting(expected)
+        json.loads(found)
     except ValueError:
         return True
-    if theirs.get("node_type") != "group":
-        return _few_hits(found, expected)
-    return _few_hits(*(json.dumps(document, ensure_ascii=False).encode() for document in (mine, theirs)))
+    if json.loads(expected).get("node_type") == "group":
+        found, expected = (_LIST_OF_TEXTS.sub(b"[]", data) for data in (found, expected))
+    return _few_hits(found, expected)
 
 
 def _few_hits(mine: bytes, theirs: bytes) -> bool:

@@ -98,6 +98,7 @@ def _row(collection: Collection, record: Record) -> Row:
     row |= {name: scalars[name] for name in ("camera_model", "camera_serial") if name in scalars}
     row["time"] = np.datetime64(scalars.get("time") or "NaT", "ns")
     row |= {"id": record.capture, "path": record.source["path"], "sha256": record.source["sha256"]}
+    row["damaged"] = record.damaged.get(record.source["path"], "")
     on_white = record.stage == "calibration" and scalars.get("method") == METHOD_FLAGS["white"]
     row |= {"group": record.group, "kind": "white" if on_white else "scene"}
     sensor = collection.store("calibration").manifest(record.group)

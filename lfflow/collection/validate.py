@@ -48,15 +48,12 @@ def _whole_records(collection: Collection, kind: str, found: list[Finding], *, m
     """Records of what is done; damaged ones, also of failures, are added to what was found."""
     records: dict[str, Record] = {}
     for state in (DONE, FAILED):
-        for capture in collection.ledger.captures(kind, state):
-            try:
-                record = collection.ledger.read(kind, capture, state)
-            except DamagedRecordError as error:
-                found.append(Finding("ledger", capture, str(error)))
+        for capture, record in collection.ledger.each(kind, state):
+            if isinstance(record, DamagedRecordError):
+                found.append(Finding("ledger", capture, str(record)))
                 if mark:
                     collection.ledger.remove(kind, capture, state)
-                continue
-            if record is not None and state == DONE:
+            elif state == DONE:
                 records[capture] = record
     return records
 
@@ -82,7 +79,10 @@ def _check_metadata(store: Store, group: str) -> list[Finding]:
     for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, {}, values=False).items():
         name = f"{store.folder}/{key}"
         try:
-            differences = template.differences(store.storage.read(name), wanted)
+            there = store.storage.read(name)
+            differences = template.differences(there, wanted)
+            if not differences and template.has_other_length(there, wanted):
+                differences = ["it has not the captures of its group"]
         except FileNotFoundError:
             differences = ["missing"]
         found += [Finding("metadata", "", f"{name}: {difference}") for difference in differences]

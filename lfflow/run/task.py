@@ -11,7 +11,7 @@ import platform
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -123,10 +123,14 @@ def lost(work: Work, reason: str) -> tuple[Status, ...]:
 
 
 class _Frame:
-    """The raw frame of a job, read once, when the first stage asks for it, and the dark images of its camera."""
+    """The raw frame of a job, read once, when the first stage asks for it, and the dark images of its camera.
+
+    `damaged` says what is wrong with the files read so far although they were accepted.
+    """
 
     def __init__(self, chain: Chain, job: Job) -> None:
         self._chain, self._job = chain, job
+        self.damaged: dict[str, str] = {}
 
     @functools.cached_property
     def raw(self) -> xr.Dataset:
@@ -142,6 +146,8 @@ class _Frame:
         if file_state(file.path) != (file.size, file.mtime_ns):
             raise CollectionError(f"{file.path} has changed since it was scanned")
         with self._chain.open_raw(file.path) as raw:
+            if raw.attrs.get("damaged"):
+                self.damaged[file.path] = str(raw.attrs["damaged"])
             return raw.load()
 
 
@@ -174,10 +180,11 @@ def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame:
     job, threads = work.job, work.threads
     raw = frame.raw if stage.reads_raw else None
     darks = frame.darks() if stage.uses_darks else ()
-    results = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
-    missing = [name for name in stage.upstream if name not in results]
+    before = {name: _upstream(collection, name, *wanted) for name, wanted in step.upstream.items()}
+    missing = [name for name in stage.upstream if name not in before]
     if missing:
         raise BlockedError(f"{stage.name} of {job.capture} has no {missing[0]}")
+    results = {name: result for name, (_, result) in before.items()}
     result = stage.function(StageInput(raw, results, job.grid, step.parameters, threads, darks))
     result = stage.schema.check(result.compute(), f"result of {stage.name} of {job.capture}")
     with _writing():
@@ -192,16 +199,22 @@ def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame:
             upstream={name: mark for name, (_, mark) in step.upstream.items()},
             versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
             seconds=round(time.perf_counter() - started, 3),
+            damaged={**_damage(record for record, _ in before.values()), **frame.damaged},
         ))  # fmt: skip
 
 
-def _upstream(collection: Collection, stage: str, capture: str, mark: str) -> xr.Dataset:
-    """Result of a stage before, as it lies on the disk: the same bits whether this run made it or an earlier one."""
+def _damage(records: Iterable[Record]) -> dict[str, str]:
+    """What is wrong with the files that results were made of."""
+    return {file: words for record in records for file, words in record.damaged.items()}
+
+
+def _upstream(collection: Collection, stage: str, capture: str, mark: str) -> tuple[Record, xr.Dataset]:
+    """Record and result of a stage before, as on the disk: the same bits whether this run made it or an earlier one."""
     record = collection.ledger.find(stage, capture)
     if record is None or record.fingerprint != mark:
         raise BlockedError(f"the {stage} of {capture} is not there")
     try:
-        return collection.store(stage).read(record)
+        return record, collection.store(stage).read(record)
     except Exception as error:
         collection.ledger.move(record, DAMAGED)
         raise CollectionError(f"the {stage} of {capture} is damaged ({error}); the next run makes it anew") from error

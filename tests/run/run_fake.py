@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import resource
+import signal
 import sys
 import tempfile
 
@@ -35,6 +36,8 @@ def restrict(captures, workers):
 
 
 if __name__ == "__main__":
+    # A shell that starts the tests in the background has it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     restrict(sys.argv[1], sys.argv[3])
     try:
         outcome = go(*sys.argv[1:4])

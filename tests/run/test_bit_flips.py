@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from fault_tools import STAGES, run
 
 from lfflow.collection import open_collection
 from lfflow.collection.validate import validate
+from lfflow.errors import CollectionError
 
 
 def flip(path: Path, rng: random.Random) -> None:
@@ -73,13 +76,15 @@ def test_a_flipped_bit_in_any_file_is_found_and_mended(tmp_path, captures):
 
 
 def numbers(col):
-    """All that a reader gets, by kind and variable."""
+    """All that a reader gets, by kind, variable or coordinate, and capture."""
     collection = open_collection(col)
     datasets = {kind: collection.open(kind, chunks=None).load() for kind in STAGES}
     return {
-        (kind, str(name), str(capture)): np.asarray(ds[name].sel(capture=capture))
+        (kind, str(name), str(capture)): np.asarray(
+            ds[name].sel(capture=capture) if "capture" in ds[name].dims else ds[name]
+        )
         for kind, ds in datasets.items()
-        for name in ds.data_vars
+        for name in ds.variables
         for capture in ds["capture"].values
     }
 
@@ -91,15 +96,20 @@ def same(first, second):
 
 
 def flips_that_lie(col: Path, spare: Path, files: list[Path], count: int) -> tuple[list[str], int]:
-    """Flips after which a reader gets other numbers without an error, and how many raised one.
+    """Flips after which a reader gets other numbers without an error, and how many raised one."""
+    rng = random.Random(5)  # noqa: S311
+    return damages_that_lie(col, spare, [rng.choice(files) for _ in range(count)], lambda path: flip(path, rng))
+
+
+def damages_that_lie(col: Path, spare: Path, files: list[Path], harm: Callable[[Path], None]) -> tuple[list[str], int]:
+    """Files after whose damage a reader gets other numbers without an error, and how many raised one.
 
     A capture that is no longer called finished is no wrong number.
     """
-    truth, rng, lies, refused = numbers(col), random.Random(5), [], 0  # noqa: S311
-    for _ in range(count):
-        path = rng.choice(files)
+    truth, lies, refused = numbers(col), [], 0
+    for path in files:
         shutil.copy2(path, spare)
-        flip(path, rng)
+        harm(path)
         try:
             found = numbers(col)
         except Exception:  # noqa: BLE001 - any error is a clear sign; what matters is that nothing wrong is returned
@@ -126,6 +136,50 @@ def test_of_a_thousand_flipped_bits_none_is_a_wrong_number(tmp_path, captures):
     lies, refused = flips_that_lie(tmp_path / "col", tmp_path / "spare", files_of(tmp_path / "col"), 1000)
     sys.stdout.write(f"1000 flips: {refused} refused, {len(lies)} lies\n")
     assert lies == []
+
+
+def stored_files(col: Path) -> list[Path]:
+    return [path for path in files_of(col) if path.relative_to(col).parts[0].endswith(".zarr")]
+
+
+def test_a_lost_region_is_never_a_wrong_number(tmp_path, captures):
+    """Zarr reads a file that is not there as fill values."""
+    run(tmp_path / "col", captures)
+    finished = store_content(tmp_path / "col")
+    next((tmp_path / "col").glob("disparity.zarr/*/disparity/c/1/0/0/0/0")).unlink()
+    lazy = open_collection(tmp_path / "col").open("disparity")
+    assert np.isfinite(lazy["disparity"].sel(capture=["IMG_0", "IMG_2"]).values).any()
+    for read in (lazy, open_collection(tmp_path / "col").open("disparity", chunks=None)):
+        with pytest.raises(CollectionError, match=r"disparity/c/1/0/0/0/0 of .* is lost"):
+            read["disparity"].sel(capture="IMG_1").load()
+    assert_found_and_mended(tmp_path / "col", captures, finished, "a lost region")
+    next((tmp_path / "col").glob("disparity.zarr/*/u/c/0")).unlink()
+    with pytest.raises(CollectionError, match=r"u/c/0 of .* is lost"):
+        open_collection(tmp_path / "col").open("disparity")
+
+
+def test_a_growth_that_was_stopped_half_way_hides_nothing_from_readers(tmp_path, captures):
+    run(tmp_path / "col", captures)
+    finished, before = store_content(tmp_path / "col"), numbers(tmp_path / "col")
+    path = next((tmp_path / "col").glob("lightfield.zarr/*/mosaic/zarr.json"))
+    metadata = json.loads(path.read_text())
+    metadata["shape"][0] += 5
+    path.write_text(json.dumps(metadata))
+    assert same(numbers(tmp_path / "col"), before)
+    assert_found_and_mended(tmp_path / "col", captures, finished, "a growth that was stopped")
+
+
+@pytest.mark.heavy
+def test_no_lost_file_is_a_wrong_number_and_each_is_found_and_mended(tmp_path, captures):
+    col = tmp_path / "col"
+    run(col, captures)
+    finished, files = store_content(col), stored_files(col)
+    lies, refused = damages_that_lie(col, tmp_path / "spare", files, Path.unlink)
+    sys.stdout.write(f"{len(files)} files lost: {refused} refused, {len(lies)} lies\n")
+    assert lies == []
+    for path in files:
+        path.unlink()
+        assert_found_and_mended(col, captures, finished, path.relative_to(col))
 
 
 def test_a_damaged_region_that_a_run_meets_is_made_anew_by_the_next(tmp_path, captures):

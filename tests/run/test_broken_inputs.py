@@ -17,10 +17,11 @@ from fake_chain import FAKE
 from fake_stores import store_content
 from fault_tools import lines
 
+from lfflow.cli.status import status
 from lfflow.collection import open_collection
 from lfflow.formats.lfp import write_lfp
 from lfflow.run import Options, run_collection
-from lfflow.run.chain import open_lfp
+from lfflow.run.chain import open_damaged_lfp, open_lfp
 from lfflow.run.executors import Workers
 
 FORMATS = Path(__file__).parents[1] / "formats"
@@ -148,3 +149,38 @@ def test_good_captures_have_the_same_bits_beside_broken_ones(tmp_path, generator
         path.unlink()
     run(tmp_path / "clean", tmp_path / "in")
     assert store_content(tmp_path / "mixed") == store_content(tmp_path / "clean")
+
+
+def flip_a_sample(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 1
+    path.write_bytes(data)
+
+
+def test_damage_that_was_accepted_is_recorded_and_shown(tmp_path, generators, capsys):
+    metadata = generators[0].metadata_of("f01", SIZE, SIZE)
+    (tmp_path / "in").mkdir()
+    white = write_good(tmp_path / "in" / "WHITE.lfp", 1, metadata, white=True)
+    scenes = [write_good(tmp_path / "in" / f"IMG_{number}.lfp", 10 + number, metadata) for number in range(3)]
+    for path in (white, scenes[1]):
+        flip_a_sample(path)
+    assert set(run(tmp_path / "col", tmp_path / "in").failed) == {"WHITE", "IMG_1"}
+    chain = replace(CHAIN, open_damaged=open_damaged_lfp)
+    options = Options(inputs=(tmp_path / "in",), workers=Workers("threads", 2), accept_damaged=True)
+    assert run_collection(tmp_path / "col", options, chain).exit_code == 0
+    assert run(tmp_path / "col", tmp_path / "in").counts == {"kept": 7}
+    col = open_collection(tmp_path / "col")
+    assert col.query("damaged != ''") == ["IMG_1", "WHITE"]
+    assert all("SHA-1" in words for words in col.status()["damaged"].values())
+    assert list(col.ledger.find("disparity", "IMG_1").damaged) == [str(scenes[1]), str(white)]
+    assert list(col.ledger.find("lightfield", "IMG_0").damaged) == [str(white)], "what a result was made of is hidden"
+    status(str(tmp_path / "col"))
+    assert "taken although damaged\n  IMG_1  section at byte" in capsys.readouterr().out
+    status(str(tmp_path / "col"), why="IMG_1")
+    assert f"made of damaged files\n  {scenes[1]} " in capsys.readouterr().out
+    (tmp_path / "col" / "catalogue.parquet").unlink()
+    assert run_collection(tmp_path / "col", options, chain).counts == {"kept": 7}
+    assert open_collection(tmp_path / "col").query("damaged != ''") == ["IMG_1", "WHITE"]
+    write_good(scenes[1], 99, metadata)
+    assert run(tmp_path / "col", tmp_path / "in").counts == {"done": 2, "kept": 5}
+    assert open_collection(tmp_path / "col").query("damaged != ''") == ["WHITE"]
