@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.settle import settle_edges
-from lfflow.kernels.view_field import ViewField, view_field
-from lfflow.kernels.view_refine import Refined, refine
-from lfflow.kernels.view_search import Found, search
+from lfflow.kernels.full_colour.field import ViewField, view_field
+from lfflow.kernels.full_colour.refine import Refined, refine
+from lfflow.kernels.full_colour.search import Found, search
+from lfflow.kernels.full_colour.settle import settle_edges
 from lfflow.schema import DISPARITY
 from lfflow.schema.declarations import DISPARITY_FLAGS
 
@@ -37,7 +37,7 @@ class Settings:
     small, large
         Penalties of the aggregation (`lfflow.kernels.aggregate.regularise`).
     stiffness
-        Information of a straight surface against that of the views (`lfflow.kernels.surface.fit_surface`).
+        Information of a straight surface against that of the views (`lfflow.kernels.full_colour.surface.fit_surface`).
     rounds
         Steps of the refinement.
     widest

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.line_fit import normal_equations
-from lfflow.kernels.surface import fit_surface
+from lfflow.kernels.full_colour.field import ViewField, bands
+from lfflow.kernels.full_colour.line_fit import normal_equations
+from lfflow.kernels.full_colour.surface import fit_surface
+from lfflow.kernels.full_colour.visibility import seen_by
 from lfflow.kernels.threads import each
-from lfflow.kernels.view_field import ViewField, bands
-from lfflow.kernels.visibility import seen_by
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -99,7 +99,7 @@ def refine(
     largest
         Largest |disparity|.
     stiffness
-        `lfflow.kernels.surface.fit_surface`.
+        `lfflow.kernels.full_colour.surface.fit_surface`.
     rounds
         Steps, at least one.
     """

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.layers import detail_and_base
+from lfflow.kernels.full_colour.layers import detail_and_base
 from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from lfflow.kernels.spline import slopes, weights
+from lfflow.kernels.full_colour.spline import slopes, weights
 
 _FLAGS = {"nsz", "contract", "reassoc", "arcp"}
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from lfflow.kernels.visibility import seen_by
+from lfflow.kernels.full_colour.visibility import seen_by
 
 
 def test_what_a_near_square_hides_lies_beside_it_by_the_difference_of_the_shifts():

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.aggregate import accumulate, winner
+from lfflow.kernels.full_colour.cost import half_plane_volume, padded, sectors
+from lfflow.kernels.full_colour.field import ViewField, bands
 from lfflow.kernels.threads import each
-from lfflow.kernels.view_cost import half_plane_volume, padded, sectors
-from lfflow.kernels.view_field import ViewField, bands
 
 FloatArray = npt.NDArray[np.float32]
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from lfflow.kernels.surface import fit_surface
+from lfflow.kernels.full_colour.surface import fit_surface
 
 
 def _plane():

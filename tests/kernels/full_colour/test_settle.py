@@ -1,6 +1,6 @@
 import numpy as np
 
-from lfflow.kernels.settle import settle_edges
+from lfflow.kernels.full_colour.settle import settle_edges
 
 
 def test_a_fattened_edge_goes_back_to_the_edge_of_the_picture():

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from lfflow.kernels.line_fit import normal_equations
-from lfflow.kernels.spline import slopes, weights
+from lfflow.kernels.full_colour.line_fit import normal_equations
+from lfflow.kernels.full_colour.spline import slopes, weights
 
 MARGIN = 8
 
