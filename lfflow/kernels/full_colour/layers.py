@@ -16,15 +16,9 @@ _SPACE, _DIAMETER = 3.0, 9
 _CONTRAST = 0.05
 
 
-def detail_and_base(view: FloatArray, noise: float = 0.0) -> FloatArray:
-    """Layers (2, t, s) of a view (t, s, channel) in 0..1: bilateral detail, and the luminance itself.
-
-    Parameters
-    ----------
-    noise
-        Standard deviation of one channel; the filter takes differences of up to twice that for none.
-    """
-    luminance = np.ascontiguousarray(view.mean(axis=-1), dtype=np.float32)
-    contrast = max(_CONTRAST, 2 * noise)
-    base = cv2.bilateralFilter(luminance, _DIAMETER, contrast, _SPACE)
-    return np.stack([luminance - np.asarray(base, dtype=np.float32), luminance])
+def detail_and_base(view: FloatArray) -> FloatArray:
+    """Layers (2, t, s) of a view (t, s, channel) in 0..1: bilateral detail, and the luminance itself."""
+    channels = view.shape[-1]
+    luminance = cv2.transform(view, np.full((1, channels), 1 / channels, dtype=np.float32)).reshape(view.shape[:-1])
+    base = cv2.bilateralFilter(luminance, _DIAMETER, _CONTRAST, _SPACE)
+    return np.stack([luminance - base, luminance])

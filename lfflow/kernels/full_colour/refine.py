@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +16,7 @@ from lfflow.kernels.full_colour.visibility import seen_by
 from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.intp]
 
 _LUMINANCE = np.float32(0.05)
 """Weight of the luminance against the detail; gloss is ten to twenty times the noise."""
@@ -55,22 +57,23 @@ class _Lines:
     margin: int
     threads: int
 
-    def thinned(self) -> _Lines:
+    def thinned(self) -> IntArray:
         """Every other view, as on a chessboard: near enough for a step that another follows."""
-        chosen = (self.u + self.v) % 2 == 0
-        views = np.ascontiguousarray(self.views[chosen])
-        return _Lines(views, self.u[chosen], self.v[chosen], self.margin, self.threads)
+        return np.flatnonzero((self.u + self.v) % 2 == 0)
 
-    def fit(self, disparity: FloatArray, noise: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Step, curvature and mean squared residual (t, s) at the present disparity."""
-        views = range(len(self.u))
-        seen = np.stack(each(lambda q: seen_by(disparity, self.u[q], self.v[q], _HIDES), views, self.threads))
+    def fit(self, disparity: FloatArray, noise: float, views: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Step, curvature and mean squared residual (t, s) at the present disparity, by some of the views."""
+        seen = np.zeros((len(self.u), *disparity.shape), dtype=np.bool_)
         sums = np.empty((3, *disparity.shape), dtype=np.float32)
         tolerance = _APART * np.float32(noise)
+
+        def look(q: int) -> None:
+            seen[q] = seen_by(disparity, self.u[q], self.v[q], _HIDES)
 
         def band(span: tuple[int, int]) -> None:
             normal_equations(self.views, seen, disparity, self.u, self.v, span, self.margin, tolerance, sums)
 
+        each(look, views, self.threads)
         each(band, bands(disparity.shape[0]), self.threads)
         curvature, slope, residual = sums
         step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
@@ -79,10 +82,16 @@ class _Lines:
 
 def _lines(field: ViewField, largest: float, threads: int) -> _Lines:
     margin = field.margin(largest)
-    layers = np.moveaxis(field.layers, 1, -1) * np.array([1, _LUMINANCE], dtype=np.float32)
-    padded = np.pad(layers, ((0, 0), (margin, margin), (margin, margin), (0, 0)), mode="edge")
-    offsets = (field.u.astype(np.float32), field.v.astype(np.float32))
-    return _Lines(np.ascontiguousarray(padded), *offsets, margin, threads)
+    rows, columns = field.shape
+    views = np.empty((len(field.u), rows + 2 * margin, columns + 2 * margin, 2), dtype=np.float32)
+
+    def pad(q: int) -> None:
+        detail, luminance = field.layers[q]
+        both = cv2.merge([detail, _LUMINANCE * luminance])
+        views[q] = cv2.copyMakeBorder(both, margin, margin, margin, margin, cv2.BORDER_REPLICATE)
+
+    each(pad, range(len(field.u)), threads)
+    return _Lines(views, field.u.astype(np.float32), field.v.astype(np.float32), margin, threads)
 
 
 def refine(
@@ -106,7 +115,8 @@ def refine(
     lines = _lines(field, largest, threads)
     disparity = np.asarray(start, dtype=np.float32)
     for left in reversed(range(rounds)):
-        step, curvature, residual = (lines if left == 0 else lines.thinned()).fit(disparity, noise)
+        views = np.arange(len(field.u)) if left == 0 else lines.thinned()
+        step, curvature, residual = lines.fit(disparity, noise, views)
         noise = max(float(np.median(residual)), 1e-9)
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step

@@ -19,6 +19,8 @@ _REACH = 7
 _COLOUR = 0.02
 _JUMP = 0.25
 _CHANGE = np.float32(0.15)
+_NOTHING = 7.0
+"""Exponent from which on a weight does not count."""
 
 
 def settle_edges(disparity: FloatArray, guide: FloatArray, rounds: int) -> FloatArray:
@@ -56,13 +58,27 @@ def _settled(disparity, guide, near):  # type: ignore[no-untyped-def]
                     for c in range(channels):
                         apart += (guide[a, b, c] - guide[t, s, c]) ** 2
                     away = ((a - t) ** 2 + (b - s) ** 2) / (_REACH / 1.5) ** 2
-                    value[count] = disparity[a, b]
-                    weight[count] = math.exp(-(apart / _COLOUR**2 + away) / 2)
-                    count += 1
-            median = _weighted_median(value[:count], weight[:count])
-            if abs(median - disparity[t, s]) > _CHANGE:
-                out[t, s] = median
+                    exponent = (apart / _COLOUR**2 + away) / 2
+                    if exponent < _NOTHING:
+                        value[count] = disparity[a, b]
+                        weight[count] = math.exp(-exponent)
+                        count += 1
+            if _elsewhere(value[:count], weight[:count], disparity[t, s]):
+                out[t, s] = _weighted_median(value[:count], weight[:count])
     return out
+
+
+@numba.njit(nogil=True, cache=True)
+def _elsewhere(value, weight, own):  # type: ignore[no-untyped-def]
+    """Whether the weighted median is another than about its own value."""
+    below, above, total = 0.0, 0.0, 0.0
+    for k in range(value.shape[0]):
+        total += weight[k]
+        if value[k] < own - _CHANGE:
+            below += weight[k]
+        elif value[k] > own + _CHANGE:
+            above += weight[k]
+    return max(below, above) > total / 2
 
 
 @numba.njit(nogil=True, cache=True)
