@@ -16,13 +16,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import xarray as xr
+from scipy.ndimage import map_coordinates
 
 import lfflow
 import lfflow.accessor
 from lfflow.formats.pfm import read_pfm
 from lfflow.kernels.gather import Rule, Targets, gather
 from lfflow.kernels.guided import fill_colours
-from lfflow.kernels.synthesis import doubt_of, one_view, prepare
+from lfflow.kernels.synthesis import front_and_doubt, one_view, prepare
 from lfflow.schema import lattice_of
 from lfflow.simulate import Layer, Scene, rays, simulate_capture, simulate_white
 from lfflow.simulate.from_views import simulate_from_views
@@ -107,11 +108,11 @@ def simulated(seed, size):
     return lf, disp
 
 
-def shrunk(folder):
-    """Views and central disparity, so many times smaller that no disparity exceeds the F01's range of ±1."""
+def shrunk(folder, times=0):
+    """Views and central disparity so many times smaller; 0: that no disparity exceeds the F01's range of ±1."""
     views = xr.open_dataset(folder, engine="views").load()
     disparity = read_pfm(next(Path(folder).glob("gt_disp*.pfm")))
-    times = int(np.ceil(np.abs(disparity).max()))
+    times = times or int(np.ceil(np.abs(disparity).max()))
     size = views.sizes["s"] // times, views.sizes["t"] // times
     linear = views["rgb"].transpose("v", "u", "t", "s", "channel").values ** 2.2
     small = [[cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in row] for row in linear]
@@ -120,9 +121,9 @@ def shrunk(folder):
     return xr.Dataset({"rgb": rgb}, {"v": views["v"], "u": views["u"]}), xr.DataArray(middle, dims=("t", "s")), times
 
 
-def through_the_mosaic(folder):
+def through_the_mosaic(folder, times=0):
     """HCI views through the F01's mosaic."""
-    views, centre, times = shrunk(folder)
+    views, centre, times = shrunk(folder, times)
     raw, truth = simulate_from_views(views, centre)
     lattice = lattice_of(truth)
     _, white = simulate_white(lattice, height=raw.sizes["y"], width=raw.sizes["x"], noise=False)
@@ -135,8 +136,8 @@ def through_the_mosaic(folder):
     first = replace(lattice, cx=lattice.dh / 2, cy=lattice.dv / 2)  # the numbering of the views' own pixels
     at = first.nearest(*lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values))
     row, column = at[0] * lattice.row_pitch, at[1] + lattice.row_offset(at[0])
-    place = column.astype(np.float32), row.astype(np.float32)
-    picture = cv2.remap(views["rgb"].sel(u=0, v=0).values.astype(np.float32), *place, cv2.INTER_LINEAR)
+    view = views["rgb"].sel(u=0, v=0).values
+    picture = np.stack([map_coordinates(view[..., c], (row, column), order=3, mode="nearest") for c in range(3)], -1)
     rows = {"raw first, edge-directed": raw_first(raw, white, lf), "per view, edge-directed": per_view(lf)}
     for name, found in (("estimated disparity", disp), ("true disparity", true)):
         fields = [lf[n].values for n in ("mosaic", "cfa", "weight")]
@@ -240,9 +241,10 @@ def predicted(lf, disp):
     samples = prepare(fields, [lf[n].values for n in ("v", "u", "t", "s")], lattice_of(lf)).samples
     x, y = grid_of(lf).places(lf["t"], lf["s"])
     own = disp.sel(u=0, v=0)
-    d, std = own["disparity"].values, own["disparity_std"].values
+    d = own["disparity"].values
     rho = (field.ravel() for field in samples.residual)
-    targets = Targets(x.ravel(), y.ravel(), *rho, d.ravel(), doubt_of(d, std).ravel())
+    followed = front_and_doubt(d, own["disparity_std"].values, samples.geometry)
+    targets = Targets(x.ravel(), y.ravel(), *rho, *(f.ravel() for f in followed))
     rgb = gather(samples, targets, Rule())[..., 0].reshape(*x.shape, 3)
     return fill_colours(rgb, x, y, d, 0.06)[0]
 

@@ -29,6 +29,9 @@ _BLOCK = 256
 _DARK = _F(0.02)
 """Colours below this radiance share the detail of the others as if they had it."""
 
+_FAR = _F(0.25)
+"""Disparity above which the rounding of the lens centres decides which lens's sample is the nearest."""
+
 _VECTOR: dict[str, Any] = {
     "nogil": True,
     "cache": True,
@@ -101,15 +104,18 @@ class Rule(NamedTuple):
     lift
         Factor on the detail; more than 1 makes up for the blur of the kernel.
     stiffness
-        Weight of the prior that the fitted plane is level, relative to the samples' weight × radius².
+        Weight of the prior that the fitted plane of green is level, relative to the samples' weight × radius².
+    likeness
+        The same of the prior that the planes of red and blue have the slope of green's, in shares of their values.
     """
 
-    radius: float = 1.0
-    detail: float = 0.45
+    radius: float = 0.9
+    detail: float = 0.5
     tolerance: float = 0.06
     strictness: float = 16.0
-    lift: float = 1.5
+    lift: float = 1.2
     stiffness: float = 0.02
+    likeness: float = 0.05
 
 
 @numba.njit(**_VECTOR)
@@ -126,6 +132,26 @@ def _locate(targets: Any, first: int, count: int, q: Array, samples: Any, place:
         row = np.int32(np.floor((y[n] - d[n] * b[j]) * per_row + _F(0.5)))
         shift = half * _F((row + odd) & np.int32(1))
         column = np.int32(np.floor(x[n] - d[n] * a[j] - shift + _F(0.5)))
+        to_x[j], to_y[j] = _F(column) + shift - x[n], _F(row) * pitch - y[n]
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        at[j] = row * columns + column if inside else np.int32(-1)
+
+
+@numba.njit(**_VECTOR)
+def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array) -> None:
+    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known."""
+    rows, columns = np.int32(samples.colour.shape[1]), np.int32(samples.colour.shape[2])
+    residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
+    pitch, half, odd = samples.geometry[0], samples.geometry[1], np.int32(samples.geometry[2])
+    x, y, d = targets.x, targets.y, targets.disparity
+    to_x, to_y, a, b = place[0], place[1], place[2], place[3]
+    per_row = _F(1) / pitch
+    for j in range(count):
+        n = first + j
+        k = np.uint32(max(at[j], 0))
+        row = np.int32(np.floor((y[n] - d[n] * (b[j] + residual_v[k])) * per_row + _F(0.5)))
+        shift = half * _F((row + odd) & np.int32(1))
+        column = np.int32(np.floor(x[n] - d[n] * (a[j] + residual_u[k]) - shift + _F(0.5)))
         to_x[j], to_y[j] = _F(column) + shift - x[n], _F(row) * pitch - y[n]
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         at[j] = row * columns + column if inside else np.int32(-1)
@@ -205,15 +231,23 @@ def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array
 
 
 @numba.njit(**_VECTOR)
-def _fit(m: Array, count: int, ridge: float, planes: Array) -> None:
-    """Planes (block, 3): value and slopes at the origin from moments (13, block), slopes held by `ridge`."""
+def _fit(m: Array, count: int, ridge: float, guide: Array, planes: Array) -> None:
+    """Planes (block, 3): value and slopes at the origin from moments (13, block).
+
+    `ridge` holds the slopes to those of the `guide` (block, 3), which is scaled to the colour's mean.
+    """
     for j in range(count):
         per = _F(1) / m[0, j]
         mx, my, mean = m[1, j] * per, m[2, j] * per, m[6, j] * per
-        xx, xy, yy = m[3, j] * per - mx * mx + ridge, m[4, j] * per - mx * my, m[5, j] * per - my * my + ridge
-        px, py = m[7, j] * per - mx * mean, m[8, j] * per - my * mean
+        there = guide[j, 0] + guide[j, 1] * mx + guide[j, 2] * my
+        ratio = mean / there if there > _DARK else _F(0)
+        prior_x, prior_y = ratio * guide[j, 1], ratio * guide[j, 2]
+        xx, xy, yy = m[3, j] * per - mx * mx, m[4, j] * per - mx * my, m[5, j] * per - my * my
+        px = m[7, j] * per - mx * mean - xx * prior_x - xy * prior_y
+        py = m[8, j] * per - my * mean - xy * prior_x - yy * prior_y
+        xx, yy = xx + ridge, yy + ridge
         scale = _F(1) / (xx * yy - xy * xy)
-        slope_x, slope_y = (px * yy - py * xy) * scale, (py * xx - px * xy) * scale
+        slope_x, slope_y = prior_x + (px * yy - py * xy) * scale, prior_y + (py * xx - px * xy) * scale
         known = m[0, j] > 0
         planes[j, 0] = mean - mx * slope_x - my * slope_y if known else np.nan
         planes[j, 1] = slope_x if known else _F(0)
@@ -242,21 +276,27 @@ def _gather(samples: Any, targets: Any, rule: Any, planes: Array) -> None:
     moments = np.empty((3, _MOMENTS, _BLOCK), dtype=np.float32)
     place, found = np.empty((4, _BLOCK), dtype=np.float32), np.empty((3, _BLOCK), dtype=np.float32)
     at, colours = np.empty(_BLOCK, dtype=np.int32), np.empty(_BLOCK, dtype=np.uint8)
-    ridge = _F(rule.stiffness * rule.radius**2)
+    level, ridge = _F(rule.stiffness * rule.radius**2), _F(rule.likeness * rule.radius**2)
+    flat = np.zeros((_BLOCK, 3), dtype=np.float32)
     for first in range(0, targets.x.shape[0], _BLOCK):
         count = min(_BLOCK, targets.x.shape[0] - first)
         moments[:] = 0
+        far = np.abs(targets.disparity[first : first + count]).max() > _FAR
         for q in samples.used:
             _locate(targets, first, count, samples.aperture[q], samples, place, at)
+            if far:
+                _relocate(targets, first, count, samples, place, at)
             seen = _fetch(samples, q, at, count, place, found, colours)
             if seen:
                 _weigh(targets, first, count, place, found, rule)
             for c in range(3):
                 if seen >> c & 1:
                     _add(moments[c], np.uint8(1 << c), colours, place, found, count)
-        for c in range(3):
-            _fit(moments[c], count, ridge, planes[first : first + count, c])
-        _sharpen(moments, count, _F(rule.lift), planes[first : first + count])
+        block = planes[first : first + count]
+        _fit(moments[1], count, level, flat, block[:, 1])
+        for c in (0, 2):
+            _fit(moments[c], count, ridge, block[:, 1], block[:, c])
+        _sharpen(moments, count, _F(rule.lift), block)
 
 
 def gather(samples: Samples, targets: Targets, rule: Rule) -> Array:

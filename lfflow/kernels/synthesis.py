@@ -22,6 +22,10 @@ Array = npt.NDArray[Any]
 _UNKNOWN_STD = np.float32(0.1)
 _JUMP = np.float32(0.8)
 """Share of a jump of the disparity between neighbouring lenses that counts as doubt: they mix two surfaces."""
+_EDGE = np.float32(0.08)
+"""Jump above which a lens is taken to see the edge of the nearer surface beside it."""
+_FRONT = np.float32(0.75)
+"""Share of that surface's disparity along which such a lens's light is followed."""
 _DIM = 0.3
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
 _UNSURE = 0.8
@@ -82,20 +86,37 @@ def prepare(
     return Capture(samples, np.asarray(v), np.asarray(u), disparity, fields[4])
 
 
-def doubt_of(disparity: Array, std: Array) -> Array:
-    """Standard deviation (t, s), raised at jumps of the disparity, where a lens mixes two surfaces."""
+def front_and_doubt(disparity: Array, std: Array, geometry: Array) -> tuple[Array, Array]:
+    """Disparity along which a lens's light moves from view to view, and its standard deviation, both (t, s).
+
+    A lens on an edge sees two surfaces, in shares that stay the same in the other views along the disparity of the
+    nearer one, for that is the one whose edge it is. The deviation is raised by the jump.
+    """
     known = np.isfinite(disparity)
     square = np.ones((3, 3), np.uint8)
-    high = cv2.dilate(np.where(known, disparity, np.float32(-9e9)), square)
-    low = cv2.erode(np.where(known, disparity, np.float32(9e9)), square)
+    filled = np.where(known, disparity, np.float32(-9e9))
+    high, low = cv2.dilate(filled, square), cv2.erode(np.where(known, disparity, np.float32(9e9)), square)
     jump = np.where(high >= low, high - low, 0)
-    return np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), _JUMP * jump).astype(np.float32)
+    doubt = np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), _JUMP * jump).astype(np.float32)
+    above = _highest_beside(filled, geometry) - disparity
+    return np.where(known & (above > _EDGE), disparity + _FRONT * above, disparity), doubt
+
+
+def _highest_beside(field: Array, geometry: Array) -> Array:
+    """Largest value of each lens and its nearest neighbours: six in the brick layout, four in the square one."""
+    if not geometry[1]:
+        return np.asarray(cv2.dilate(field, np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)))
+    left = np.array([[1, 1, 0], [1, 1, 1], [1, 1, 0]], np.uint8)
+    out = np.asarray(cv2.dilate(field, left))
+    shifted = slice(1 - int(geometry[2]), None, 2)
+    out[shifted] = cv2.dilate(field, left[:, ::-1].copy())[shifted]
+    return out
 
 
 def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
     """Colours seen from the central view, on the grid of `shape` (`lfflow.kernels.surface_colour`)."""
     x, y = surface_places(shape)
-    targets = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
+    targets, _ = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
     planes = np.full((x.size, 3, 3), np.nan, dtype=np.float32)
     known = np.flatnonzero(np.isfinite(targets.disparity))
     planes[known] = gather(capture.samples, Targets(*(field[known] for field in targets)), rule)
@@ -118,7 +139,7 @@ def one_view(
     `on_lenses` says that the places (I, J) are those of the lenses.
     """
     v, u = view
-    targets = _targets(capture, x, y, v, u, on_lenses=on_lenses)
+    targets, disparity = _targets(capture, x, y, v, u, on_lenses=on_lenses)
     samples = capture.samples
     own = np.flatnonzero((samples.aperture == (u, v)).all(axis=1))
     used = np.union1d(samples.used, own)
@@ -130,20 +151,19 @@ def one_view(
     samples = samples._replace(used=used)
     rest = np.flatnonzero(np.isnan(rgb[:, 0]) & np.isfinite(targets.disparity))
     rgb[rest] = gather(samples, Targets(*(field[rest] for field in targets)), rule)[..., 0]
-    maps = [field.reshape(x.shape) for field in (targets.disparity, targets.doubt)]
-    filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, maps[0], rule.tolerance)
-    return filled, bits, maps[0], maps[1]
+    filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
+    return filled, bits, disparity, targets.doubt.reshape(x.shape)
 
 
-def _targets(capture: Capture, x: Array, y: Array, v: float, u: float, *, on_lenses: bool) -> Targets:
-    """Targets at (x, y) of the view (v, u) with the disparity that the nearest view's map gives them."""
+def _targets(capture: Capture, x: Array, y: Array, v: float, u: float, *, on_lenses: bool) -> tuple[Targets, Array]:
+    """Targets at (x, y) of the view (v, u) by the nearest view's map, and the disparity that the map gives there."""
     near = int(np.argmin(np.abs(capture.v - v))), int(np.argmin(np.abs(capture.u - u)))
     disparity, geometry = capture.disparity[near], capture.samples.geometry
-    doubt = doubt_of(disparity, capture.std[near])
+    front, doubt = front_and_doubt(disparity, capture.std[near], geometry)
     beside = u - float(capture.u[near[1]]), v - float(capture.v[near[0]])
     if not on_lenses or beside != (0.0, 0.0):
-        there = read_disparity(disparity, x, y, *beside, geometry)
+        disparity, front = (read_disparity(field, x, y, *beside, geometry) for field in (disparity, front))
         doubt = read_disparity(doubt, x, y, 0.0, 0.0, geometry)
-        disparity = there
     one = np.ones(x.size, dtype=np.float32)
-    return Targets(x.ravel(), y.ravel(), one * np.float32(u), one * np.float32(v), disparity.ravel(), doubt.ravel())
+    offset = one * np.float32(u), one * np.float32(v)
+    return Targets(x.ravel(), y.ravel(), *offset, front.ravel(), doubt.ravel()), disparity
