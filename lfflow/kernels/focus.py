@@ -29,6 +29,15 @@ def _lanczos(fraction: float) -> Array:
 
 
 @numba.njit(nogil=True, cache=True)
+def _table() -> Array:
+    """The taps of 513 fractions from 0 to 1."""
+    table = np.empty((513, _TAPS), dtype=np.float32)
+    for k in range(513):
+        table[k] = _lanczos(k / 512)
+    return table
+
+
+@numba.njit(nogil=True, cache=True)
 def _along_row(row: Array, out: Array, shift: float) -> None:
     """Row (S, 4) read at s + shift, zero outside."""
     whole = int(np.floor(shift))
@@ -65,35 +74,26 @@ def add_shifted(total: Array, view: Array, dx: float, dy: float, gain: float, ge
                     total[t, s, c] += taps[k] * read[other, r, s, c]
 
 
-@numba.njit(nogil=True, cache=True)
-def _cubic(x: float) -> Array:
-    """Four taps, places −1…2, of the Catmull–Rom spline at `x` in 0…1."""
-    taps = np.empty(4)
-    taps[0] = ((-0.5 * x + 1.0) * x - 0.5) * x
-    taps[1] = (1.5 * x - 2.5) * x * x + 1.0
-    taps[2] = ((-1.5 * x + 2.0) * x + 0.5) * x
-    taps[3] = (0.5 * x - 0.5) * x * x
-    return taps
-
-
-@numba.njit(nogil=True, cache=True)
-def _read(view: Array, x: float, y: float, geometry: Array, out: Array) -> None:
-    """Cubic value (4,) of `view` at (x, y), lens pitches."""
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+def _read(view: Array, x: float, y: float, geometry: Array, table: Array, out: Array) -> None:
+    """Value (4,) of `view` at (x, y), lens pitches, by the taps of `table` (fraction, tap)."""
+    steps, taps = table.shape[0] - 1, table.shape[1]
+    before = taps // 2 - 1
     upper = int(np.floor(y / geometry[0]))
-    down = _cubic(y / geometry[0] - upper)
+    down = table[int((y / geometry[0] - upper) * steps + 0.5)]
     out[:] = 0
-    for k in range(4):
-        row = upper + k - 1
+    for k in range(taps):
+        row = upper + k - before
         if row < 0 or row >= view.shape[0]:
             continue
         place = x / geometry[1] - geometry[2] / geometry[1] * ((row + int(geometry[3])) & 1)
         left = int(np.floor(place))
-        along = _cubic(place - left)
-        for m in range(4):
-            column = left + m - 1
-            if 0 <= column < view.shape[1]:
-                for c in range(4):
-                    out[c] += down[k] * along[m] * view[row, column, c]
+        along = table[int((place - left) * steps + 0.5)]
+        left -= before
+        for m in range(max(0, -left), min(taps, view.shape[1] - left)):
+            share = down[k] * along[m]
+            for c in range(4):
+                out[c] += share * view[row, left + m, c]
 
 
 @numba.njit(nogil=True, cache=True)
@@ -122,7 +122,7 @@ def add_on_surface(
     a, b
         u and v of the view relative to the wanted viewpoint.
     """
-    value = np.empty(4)
+    value, table = np.empty(4, dtype=np.float32), _table()
     rows, columns = surface.shape
     for t in range(rows):
         for s in range(columns):
@@ -130,7 +130,7 @@ def add_on_surface(
             if np.isnan(d):
                 continue
             x, y = places[0, t, s] - d * a, places[1, t, s] - d * b
-            _read(view, x, y, geometry, value)
+            _read(view, x, y, geometry, table, value)
             weight = gain
             if tolerance > 0:
                 row = min(max(int(np.floor(y / geometry[0] + 0.5)), 0), rows - 1)
