@@ -46,7 +46,7 @@ class Settings:
 
     step: float = 0.1
     small: float = 0.3
-    large: float = 6.0
+    large: float = 5.0
     stiffness: float = 5e4
     rounds: int = 2
     widest: float = 6.0

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lfflow.kernels.aggregate import accumulate, winner
 from lfflow.kernels.full_colour.cost import half_plane_volume, padded, sectors
+from lfflow.kernels.full_colour.cost_filter import CostFilter
 from lfflow.kernels.full_colour.field import ViewField, bands
 from lfflow.kernels.threads import each
 
@@ -23,6 +24,8 @@ _GLOSS = np.float32(2 / 255)
 _SHARE = np.float32(0.3)
 """Weight of the luminance against the detail: it sees edges that are too strong to be detail."""
 _EDGE = 0.05
+_FLAT = 1e-5
+"""Variance of the luminance below which nothing is an edge."""
 
 
 class Found(NamedTuple):
@@ -47,9 +50,12 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
     luminance, rest = _boxed(field, 1, hypotheses, threads)
     bound = max(_BEND * np.float32(rest), _GLOSS * _GLOSS)
 
+    along_edges = CostFilter(field.layers[field.centre, 1], max(_FLAT, noise))
+
     def bounded(h: int) -> None:
         detail[h] /= detail[h] + _BEND * np.float32(noise)
         detail[h] += _SHARE * luminance[h] / (luminance[h] + bound)
+        detail[h] = along_edges(detail[h])
 
     each(bounded, range(len(hypotheses)), threads)
     total, unit = accumulate(detail, field.guide, small=small, large=large, edge=_EDGE)
