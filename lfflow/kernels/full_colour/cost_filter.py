@@ -29,12 +29,12 @@ class CostFilter:
     def __init__(self, picture: FloatArray, noise: float) -> None:
         self._picture = picture
         self._mean = _mean(picture)
-        self._spread: FloatArray = _mean(picture * picture) - self._mean * self._mean + np.float32(noise)
+        self._spread = _mean(picture * picture) - self._mean * self._mean + np.float32(noise)
 
     def __call__(self, cost: FloatArray) -> FloatArray:
         """Filtered slice (t, s)."""
         mean = _mean(cost)
-        slope: FloatArray = (_mean(self._picture * cost) - self._mean * mean) / self._spread
+        slope = np.asarray((_mean(self._picture * cost) - self._mean * mean) / self._spread, dtype=np.float32)
         level = mean - slope * self._mean
         return _mean(slope) * self._picture + _mean(level)
 
