@@ -29,7 +29,7 @@ _BLOCK = 256
 _DARK = _F(0.02)
 """Colours below this radiance share the detail of the others as if they had it."""
 
-_FAR = _F(0.25)
+_FAR = _F(0.5)
 """Disparity above which the rounding of the lens centres decides which lens's sample is the nearest."""
 
 _VECTOR: dict[str, Any] = {
@@ -159,7 +159,7 @@ def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, 
 
 @numba.njit(**_VECTOR)
 def _fetch(samples: Any, q: int, at: Array, count: int, place: Array, found: Array, colour: Array) -> int:
-    """Samples at `at` and the bits of their colours, 0 where one is missing; and the bits of all together."""
+    """Samples at `at`, with no weight where there is none; their colours, and the bits of those that were met."""
     value, weight = samples.value[q].ravel(), samples.weight[q].ravel()
     disparity, colours = samples.disparity[q].ravel(), samples.colour[q].ravel()
     residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
@@ -169,14 +169,16 @@ def _fetch(samples: Any, q: int, at: Array, count: int, place: Array, found: Arr
         place[2, j] += residual_u[k]
         place[3, j] += residual_v[k]
         colour[j] = colours[k]
-    seen = np.uint8(0)
     for j in range(count):
-        good = (at[j] >= 0) & (colour[j] < 3) & (found[0, j] == found[0, j]) & (found[2, j] == found[2, j])
+        good = (at[j] >= 0) & (found[0, j] == found[0, j]) & (found[2, j] == found[2, j])
         for n in range(3):
             found[n, j] = found[n, j] if good else _F(0)
-        colour[j] = np.uint8(1) << (colour[j] & np.uint8(3)) if good else np.uint8(0)
-        seen |= colour[j]
-    return int(seen)
+    red, green, blue = np.uint8(0), np.uint8(0), np.uint8(0)
+    for j in range(count):
+        red |= np.uint8(colour[j] == 0)
+        green |= np.uint8(colour[j] == 1)
+        blue |= np.uint8(colour[j] == 2)
+    return int(red) + 2 * int(green) + 4 * int(blue)
 
 
 @numba.njit(**_VECTOR)
@@ -211,7 +213,7 @@ def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array
     m12 = moments[12]
     dx, dy, value, wide, close = place[0], place[1], found[0], found[1], found[2]
     for j in range(count):
-        w = wide[j] if colours[j] & colour else _F(0)
+        w = wide[j] if colours[j] == colour else _F(0)
         wx, wy = w * dx[j], w * dy[j]
         m0[j] += w
         m1[j] += wx
@@ -223,7 +225,7 @@ def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array
         m7[j] += wx * value[j]
         m8[j] += wy * value[j]
     for j in range(count):
-        w = close[j] if colours[j] & colour else _F(0)
+        w = close[j] if colours[j] == colour else _F(0)
         m9[j] += w
         m10[j] += w * dx[j]
         m11[j] += w * dy[j]
@@ -291,7 +293,7 @@ def _gather(samples: Any, targets: Any, rule: Any, planes: Array) -> None:
                 _weigh(targets, first, count, place, found, rule)
             for c in range(3):
                 if seen >> c & 1:
-                    _add(moments[c], np.uint8(1 << c), colours, place, found, count)
+                    _add(moments[c], np.uint8(c), colours, place, found, count)
         block = planes[first : first + count]
         _fit(moments[1], count, level, flat, block[:, 1])
         for c in (0, 2):

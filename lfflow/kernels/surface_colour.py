@@ -24,6 +24,8 @@ _LEAST = _F(0.5)
 _REACH = _F(0.6)
 """Lens pitches at which a view's own sample says nothing about a place any more."""
 _DARK = _F(0.02)
+_LITTLE = _F(0.03)
+"""Share of its own sample below which a view's place does without."""
 
 
 def surface_shape(width: float, height: float) -> tuple[int, int]:
@@ -104,12 +106,13 @@ def read_surface(
         if colour > 2 or near <= 0:
             continue
         u, v = u + samples.residual[0, row, column], v + samples.residual[1, row, column]
+        keep = _F(rule.strictness) * targets.doubt[n] ** 2 * (u * u + v * v) * samples.weight[view, row, column] * near
+        keep /= _F(1) + keep
         gx, gy = (x + to_x + d * u) * per_step, (y + to_y + d * v) * per_step
-        if not _blend(planes, disparity, gx, gy, d, tolerance, there):
+        if keep < _LITTLE or not _blend(planes, disparity, gx, gy, d, tolerance, there):
             continue
         ratio = max(samples.value[view, row, column], _F(0)) / max(there[colour], _DARK)
-        keep = _F(rule.strictness) * targets.doubt[n] ** 2 * (u * u + v * v) * samples.weight[view, row, column] * near
-        gain = _F(1) + (ratio - _F(1)) * keep / (_F(1) + keep)
+        gain = _F(1) + (ratio - _F(1)) * keep
         if not np.isnan(gain):
             for k in range(3):
                 rgb[n, k] *= gain

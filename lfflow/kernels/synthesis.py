@@ -26,11 +26,11 @@ _EDGE = np.float32(0.08)
 """Jump above which a lens is taken to see the edge of the nearer surface beside it."""
 _FRONT = np.float32(0.75)
 """Share of that surface's disparity along which such a lens's light is followed."""
-_DIM = 0.3
+_DIM = 0.4
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
-_UNSURE = 0.8
+_UNSURE = 0.6
 """Lens pitches by which a place of the central view may be wrong in another view before that gathers for itself."""
-_NEAR = 21
+_NEAR = 13
 """Where a view gathers for itself, it looks at so many views around it, for there the disparity is in doubt."""
 
 
