@@ -27,7 +27,7 @@ def place_edges(
     reach: float = 3.0,
     contrast: float = 0.04,
     scatter: float = 2.0,
-    half: float = 0.6,
+    half: float = 0.5,
 ) -> FloatArray:
     """Disparity (t, s) whose steps lie where the colours of `picture` (3, t, s) change.
 

@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from lfflow.kernels.refine import Refined
+from lfflow.kernels.block import block_sum, block_weights
+from lfflow.kernels.mosaic_field import MosaicField
+from lfflow.kernels.refine import Evidence
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -28,7 +30,11 @@ STEP_SHARE = 0.12
 STEP = 0.08
 """Half the difference of the disparities within two lenses beyond which a place may belong to either side."""
 TEXTURELESS = 0.05
-"""Predicted std, from what has the lens's own colour, beyond which the picture does not tell its disparity."""
+"""Std, from what has the lens's own colour, beyond which the picture does not tell its disparity."""
+AROUND = 2.0
+"""Gaussian, lens pitches, over which the evidence for a surface is collected."""
+LEAST_KNOWN = 0.3
+"""Largest standard deviation that is stated, lens pitches per view step."""
 
 
 def half_range(disparity: FloatArray, reach: int = 2) -> FloatArray:
@@ -42,19 +48,32 @@ def half_range(disparity: FloatArray, reach: int = 2) -> FloatArray:
         return np.where(known, (high - low) / 2, 0).astype(np.float32)
 
 
-def error_map(better: Refined, known: npt.NDArray[np.bool_], saturated: npt.NDArray[np.bool_]
-              ) -> tuple[FloatArray, ByteArray]:  # fmt: skip
-    """Standard deviation and flags (t, s) of a refined disparity.
+def error_map(
+    disparity: FloatArray,
+    told: Evidence,
+    saturated: npt.NDArray[np.bool_],
+    field: MosaicField,
+    *,
+    filled: bool,
+) -> tuple[FloatArray, ByteArray]:
+    """Standard deviation and flags (t, s) of a disparity (t, s), NaN where there is none.
 
-    The std joins the closed formula of the noise, a floor for what noise does not explain, and the step of the
-    disparity nearby: there the block and the completed picture mix two surfaces, so the place is flagged occluded where
-    the step is large. It is calibrated on simulated F01 captures.
+    The std joins the variance that the evidence around a place leaves, how far that evidence lies from the disparity,
+    a floor for what noise does not explain, and the step of the disparity nearby: there the block and the completed
+    picture mix two surfaces, so the place is flagged occluded where the step is large. It is calibrated on simulated
+    F01 captures. What is `filled` where there is no texture is flagged so.
     """
-    step = half_range(np.where(known, better.disparity, np.nan).astype(np.float32))
-    parts = MODEL_ERROR**2 + (NOISE_FACTOR * better.predicted) ** 2 + (STEP_SHARE * step) ** 2
-    std = np.where(known, np.sqrt(parts), np.nan).astype(np.float32)
+    known = np.isfinite(disparity)
+    step = half_range(disparity)
+    weights = block_weights(AROUND, field.row_pitch, brick=bool(field.offset.max() > 0))
+    around = block_sum(told.information, field.offset, *weights)
+    off = np.where(known, told.disparity - disparity, 0).astype(np.float32) ** 2
+    apart = block_sum(told.information * off, field.offset, *weights) / np.maximum(around, 1e-9)
+    lenses = 4 * np.pi * AROUND**2 * 2 / np.sqrt(3)
+    variance = 1 / (lenses * around + LEAST_KNOWN**-2)
+    std = np.sqrt(MODEL_ERROR**2 + NOISE_FACTOR**2 * variance + apart + (STEP_SHARE * step) ** 2)
     flags = np.where(known, 0, NO_DATA).astype(np.uint8)
-    flags[known & (better.own > TEXTURELESS)] |= LOW_TEXTURE
+    flags[known & (told.own > TEXTURELESS)] |= LOW_TEXTURE | (FILLED if filled else 0)
     flags[known & (step > STEP)] |= OCCLUDED
     flags[saturated] |= SATURATED
-    return std, flags
+    return np.where(known, std, np.nan).astype(np.float32), flags

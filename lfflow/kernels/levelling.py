@@ -13,11 +13,27 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
-from lfflow.kernels.mosaic_field import MosaicField
-from lfflow.kernels.refine import read_picture
+from lfflow.kernels.mosaic_field import MosaicField, shown_by
 from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
+
+DARKEST, LIGHTEST = 0.5, 2.0
+"""Middle sample of a view, as a share of that of the middle view, beyond which the view is no picture of the scene."""
+
+
+def without_strangers(field: MosaicField) -> MosaicField:
+    """Field without the views that are far darker or lighter than most: beyond a stop, or black where others see."""
+    views = field.views()
+    light = {(j, i): np.median(field.mosaic[j, i][field.cfa[j, i] != CFA_NONE]) for j, i in views}
+    middle = float(np.median(list(light.values()))) if light else 0.0
+    strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
+    if not strangers:
+        return field
+    cfa, weight, mosaic = field.cfa.copy(), field.weight.copy(), field.mosaic.copy()
+    for at in strangers:
+        cfa[at], weight[at], mosaic[at] = CFA_NONE, 0, 0
+    return field._replace(cfa=cfa, weight=weight, mosaic=mosaic)
 
 
 def levelled(
@@ -41,7 +57,7 @@ def levelled(
     sigma
         Gaussian over which the difference is smoothed, lens pitches.
     """
-    padded = np.pad(np.moveaxis(picture, 0, -1), ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float32)
+    colours = np.ascontiguousarray(np.moveaxis(picture, 0, -1), dtype=np.float32)
     start = np.ascontiguousarray(disparity, dtype=np.float32)
     mosaic = field.mosaic.copy()
 
@@ -50,7 +66,7 @@ def levelled(
         total = np.zeros((2, *disparity.shape), dtype=np.float32)
         place = np.float32(field.u[i]), np.float32(field.v[j])
         view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
-        _differences(view, place, field.rho, field.offset, np.float32(field.row_pitch), padded, start,
+        _differences(view, place, field.rho, field.offset, np.float32(field.row_pitch), colours, start,
                      np.float32(limit), total)  # fmt: skip
         smooth, weight = (cv2.GaussianBlur(one, (0, 0), sigma, sigmaY=sigma / field.row_pitch) for one in total)
         smooth /= np.maximum(weight, np.float32(1e-4))
@@ -68,23 +84,34 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
     mosaic, cfa, confidence = view
     u, v = place
     rows, columns = disparity.shape
-    one, half = np.float32(1), np.float32(0.5)
+    one = np.float32(1)
     narrow = one / (limit * limit)
     for t in range(rows):
         for s in range(columns):
             d = disparity[t, s]
             if np.isnan(d):
                 continue
-            row = int(np.floor(np.float32(t) - d * v / pitch + half))
-            if row < 1 or row >= rows - 1:
-                continue
-            column = int(np.floor(np.float32(s) + offset[t] - d * u - offset[row] + half))
-            if column < 1 or column >= columns - 2 or cfa[row, column] == CFA_NONE:
+            row, column = shown_by(t, s, d, u, v, offset, pitch)
+            if row < 1 or row >= rows - 1 or column < 1 or column >= columns - 2 or cfa[row, column] > 2:
                 continue
             x = np.float32(column) + offset[row] + d * (u + rho[0, row, column])
             y = np.float32(row) + d * (v + rho[1, row, column]) / pitch
-            r = mosaic[row, column] - read_picture(padded, offset, x, y, cfa[row, column])[0]
+            r = mosaic[row, column] - _read(padded, offset, x, y, cfa[row, column])
             robust = one / (one + r * r * narrow)
             w = confidence[row, column] * robust * robust
             total[0, row, column] += w * r
             total[1, row, column] += w
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _read(picture, offset, x, y, c):  # type: ignore[no-untyped-def]
+    """Picture (t, s, channel) at X = x, row y, between four lenses: what is smoothed afterwards needs no more."""
+    rows, columns = picture.shape[0], picture.shape[1]
+    top = min(max(int(y), 0), rows - 2)
+    f = y - np.float32(top)
+    upper = min(max(x - offset[top], np.float32(0)), np.float32(columns - 1.001))
+    lower = min(max(x - offset[top + 1], np.float32(0)), np.float32(columns - 1.001))
+    m, n = int(upper), int(lower)
+    first = picture[top, m, c] + (upper - np.float32(m)) * (picture[top, m + 1, c] - picture[top, m, c])
+    second = picture[top + 1, n, c] + (lower - np.float32(n)) * (picture[top + 1, n + 1, c] - picture[top + 1, n, c])
+    return first + f * (second - first)

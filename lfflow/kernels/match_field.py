@@ -2,7 +2,8 @@
 
 First pass: same-colour pairs of one row or column, where their support allows. Second pass: the central view is
 completed in colour along that disparity, and every sample of every view is compared with it. The costs of the sides of
-the aperture are fused without the worst, regularised along the picture's edges and refined below the step.
+the aperture are fused without the worse ones and regularised along the picture's edges. Below the step of the
+hypotheses the samples decide again, joined by a surface of little curvature that also spans what has no texture.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.aggregate import regularise
 from lfflow.kernels.completion import complete_centre
-from lfflow.kernels.diffuse import diffuse
 from lfflow.kernels.edge_place import place_edges
-from lfflow.kernels.error_map import FILLED, LOW_TEXTURE, STEP, TEXTURELESS, error_map, half_range
+from lfflow.kernels.error_map import error_map, half_range
 from lfflow.kernels.fusion import Fusion, fuse_costs
-from lfflow.kernels.levelling import levelled
+from lfflow.kernels.lattice_surface import lattice_surface
+from lfflow.kernels.levelling import levelled, without_strangers
 from lfflow.kernels.model_cost import model_costs
 from lfflow.kernels.mosaic_field import MosaicField
 from lfflow.kernels.pair_cost import Interpolation, pair_cost, pair_support
-from lfflow.kernels.refine import refine
+from lfflow.kernels.refine import Evidence, evidence
 from lfflow.kernels.subpixel import CostInterpolation, minimum
 from lfflow.kernels.threads import each
 
@@ -41,25 +42,24 @@ PRESSED = 0.04
 """Share of the clear places that may lie at the border before the range is doubled."""
 INNER, OUTER, RIM = 0.58, 0.73, 1.09
 """Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
-FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (0.7, 4.0)
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.0, 6.0)
 """Price of a change by one step and of a jump, in units of the cost of what fits."""
-EDGE = 4.5
-"""Change of the picture (mean over the colours), in units of a sample's noise, that makes jumps 2.7 times cheaper."""
+EDGE, LEAST_EDGE = 2.0, 0.02
+"""Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
+2.7 times cheaper, and loosens the surface to half."""
 PAIR_NOISE = 1.2
 """Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
 CLEAR = 4.0
 """A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
-STRANGE, UNEVEN = 6.0, 0.5
+STRANGE, UNEVEN = 6.0, 0.1
 """Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
 the mean over several lenses where the light of the view is another."""
+SECOND_BLOCK = 1.0
+"""Gaussian of the second pass, lens pitches."""
 BAND, BAND_REACH = 0.25, 4
 """The second pass looks so much, and so many lenses, around the first disparity."""
-COMPANY = 6
-"""Trusted places within two lenses, itself among them, that a trusted place needs."""
-KEPT = 0.3
-"""What a place that is just without texture keeps of its own disparity, against 1 for each neighbour."""
-LEAST_KNOWN = 0.3
-"""Largest standard deviation that is stated, lens pitches per view step."""
+ROUNDS = 2
+"""Steps of the refinement below the hypotheses."""
 READ_LEVEL = 0.005
 """Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
 CLIPPED_WEIGHT = 0.02
@@ -75,7 +75,7 @@ class Matching:
     sigma: float = 1.5
     interpolation: Interpolation = "cubic"
     cost_interpolation: CostInterpolation = "parabola"
-    fusion: Fusion = "trimmed"
+    fusion: Fusion = "opposite"
     second_pass: bool = True
     regularise: bool = True
     min_support: float = 0.2
@@ -85,54 +85,34 @@ class Matching:
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
-    level = field._replace(mosaic=even_noise(field))
+    level = without_strangers(field._replace(mosaic=even_noise(field)))
     found, noise = _first_pass(level, options)
     if options.second_pass:
         found, level = _second_pass(level, found, noise, options)
-    picture, _ = complete_centre(level, found, _doubt(found, 2))
-    better = refine(level, picture, found, limit=4.5 * noise, alike=4 * noise, radius=field.aperture())
+    found, told, picture = _refined(level, found, noise, options)
     if options.second_pass and options.regularise:
-        placed = place_edges(better.disparity, picture, field.offset, field.row_pitch, contrast=4 * noise)
-        better = better._replace(disparity=placed)
+        found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
     known = np.isfinite(found) & inside(field)
-    std, flags = error_map(better, known, (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT))
-    disparity = np.where(known, better.disparity, np.nan).astype(np.float32)
-    if options.regularise:
-        disparity = _filled(disparity, std, flags, better.own, np.moveaxis(picture, 0, -1), field, EDGE * noise)
-    return disparity, std, flags
+    saturated = (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT)
+    std, flags = error_map(np.where(known, found, np.nan), told, saturated, field, filled=options.regularise)
+    return np.where(known, found, np.nan).astype(np.float32), std, flags
 
 
-def _filled(
-    disparity: FloatArray,
-    std: FloatArray,
-    flags: ByteArray,
-    own: FloatArray,
-    guide: FloatArray,
-    field: MosaicField,
-    edge: float,
-) -> FloatArray:
-    """Disparity whose places without texture are filled from trusted ones; `std` and `flags` are told of it."""
-    known = np.isfinite(disparity)
-    trusted = _not_alone(disparity, known & ((flags & LOW_TEXTURE) == 0))
-    doubtful = known & ~trusted
-    weight = np.where(doubtful, KEPT * (TEXTURELESS / np.maximum(own, TEXTURELESS)) ** 2, 0)
-    smooth = diffuse(disparity, trusted, weight.astype(np.float32), guide, field.offset, edge=edge)
-    flags[doubtful] |= FILLED
-    std[doubtful] = np.maximum(std[doubtful], np.minimum(own[doubtful], LEAST_KNOWN))
-    return smooth
-
-
-def _not_alone(disparity: FloatArray, trusted: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Those of the trusted places that have trusted company of about the same disparity within two lenses."""
-    company = np.zeros(disparity.shape, dtype=np.int64)
-    padded, there = np.pad(disparity, 2), np.pad(trusted, 2)
-    rows, columns = disparity.shape
-    for down in range(5):
-        for right in range(5):
-            other = (slice(down, down + rows), slice(right, right + columns))
-            with np.errstate(invalid="ignore"):
-                company += there[other] & (np.abs(padded[other] - disparity) < STEP)
-    return trusted & (company >= COMPANY)
+def _refined(
+    field: MosaicField, found: FloatArray, noise: float, options: Matching
+) -> tuple[FloatArray, Evidence, FloatArray]:
+    """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
+    for _ in range(ROUNDS):
+        picture, _ = complete_centre(field, found, _doubt(found, 2))
+        told = evidence(field, picture, found, noise=noise, threads=options.threads)
+        if not options.regularise:
+            found = told.disparity
+            continue
+        guide = np.moveaxis(picture, 0, -1)
+        found = lattice_surface(
+            told.disparity, told.information, found, guide, field.offset, edge=max(EDGE * noise, LEAST_EDGE)
+        )
+    return found, told, picture
 
 
 def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
@@ -217,10 +197,10 @@ def _second_pass(
     field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
     inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
     outer = field.views(OUTER * radius, RIM * radius)
-    costs = model_costs(field, inner, labels, views=outer, limit=2.7 * noise, band=_band(first),
+    costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
-    found = _decide(fused, labels, guide, options, edge=EDGE * noise, brick=_is_brick(field))
+    found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
     return np.where(np.isfinite(found), found, first).astype(np.float32), field
 
 
@@ -264,6 +244,11 @@ def noise_level(cost: FloatArray) -> float:
     least = np.where(np.isfinite(cost), cost, np.inf).min(axis=0)
     least = least[np.isfinite(least)]
     return max(float(np.quantile(least, 0.25)), 1e-6) if least.size else 1e-6
+
+
+def _edge(noise: float) -> float:
+    """Change of the picture that counts as an edge."""
+    return max(EDGE * noise, LEAST_EDGE)
 
 
 def _doubt(disparity: FloatArray, reach: int) -> FloatArray:

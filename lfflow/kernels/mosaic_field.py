@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -96,3 +97,16 @@ def mosaic_field(
         lattice.row_pitch,
         rho,
     )
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def shown_by(t, s, d, u, v, offset, pitch):  # type: ignore[no-untyped-def]
+    """Row and column of the lens at which view (u, v) shows what the central view shows at lens (t, s), disparity `d`.
+
+    They may lie outside of the field, the column is -1 where the row does, and `d` must not be NaN.
+    """
+    half = np.float32(0.5)
+    row = int(np.floor(np.float32(t) - d * v / pitch + half))
+    if row < 0 or row >= offset.shape[0]:
+        return row, -1
+    return row, int(np.floor(np.float32(s) + offset[t] - d * u - offset[row] + half))

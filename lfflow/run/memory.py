@@ -93,7 +93,7 @@ def disparity_work(extent: Extent, parameters: Mapping[str, Any]) -> int:
     reach = (max(labels) - min(labels)) / 2 if labels else WIDEST_RANGE
     first = len(labels) if labels else round(4 * WIDEST_RANGE * LONGEST) + 1
     pairs = len(given["pairs"]) if given.get("pairs") else _PAIRS
-    copies = 2 if given.get("fusion", "trimmed") in ("trimmed", "mean", "opposite") else 4
+    copies = 2 if given.get("fusion", "opposite") in ("trimmed", "mean", "opposite") else 4
     second = max(first, round((2 * reach + 0.2) / SECOND_STEP) + 1)
     volumes = 4 * extent.lenses * max(copies * pairs * first, (copies + 5) * second)
     return 13 * extent.samples + max(volumes, 9 * extent.samples)

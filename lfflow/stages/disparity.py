@@ -31,7 +31,7 @@ def disparity(
     sigma: float = 1.5,
     interpolation: Interpolation = "cubic",
     cost_interpolation: CostInterpolation = "parabola",
-    fusion: Fusion = "trimmed",
+    fusion: Fusion = "opposite",
     second_pass: bool = True,
     regularise: bool = True,
     min_support: float = 0.2,
