@@ -9,22 +9,24 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from lfflow.cli.options import Json, Stored, Where
+
 Format = Literal["views", "eslf", "toolbox", "pfm", "png16", "focal-stack", "gif", "ply"]
 
 
 def export(
-    collection: str,
+    collection: Stored,
     *,
     format_: Annotated[Format, Parameter(name="--format")],
     out: Path,
-    where: str = "",
+    where: Where = "",
     camera: str | None = None,
     scale: float = 1.0,
     bits: Literal[8, 16] = 8,
     planes: int = 9,
     linear: bool = False,
     focus_distance: float | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Write views, disparities and pictures in formats of other programs.
 
@@ -32,15 +34,11 @@ def export(
 
     Parameters
     ----------
-    collection
-        Folder or URL of the collection.
     format_
         views: a PNG folder as HCI names it; eslf: a lenslet picture; toolbox: LFToolbox's .mat; pfm, png16: disparity
         of the central view; focal-stack: TIFF; gif: a looping parallax; ply: coloured points.
     out
         Folder to write to.
-    where
-        Expression over the catalogue that selects captures, such as "iso < 200".
     camera
         Camera model, when the collection holds several.
     scale
@@ -53,8 +51,6 @@ def export(
         Linear camera colours in views, eslf and toolbox, instead of colours for people.
     focus_distance
         Metres at which the camera was focused: ply gets metres. Metadata hold motor steps only.
-    json_
-        Print one JSON document.
     """
     from lfflow.collection import open_collection
     from lfflow.errors import LfflowError

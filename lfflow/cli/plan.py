@@ -51,7 +51,13 @@ def plan(
 def _needs(needs: dict[str, Any]) -> list[str]:
     if not needs["steps"]:
         return ["nothing to do"]
+    sources = needs["seconds_from"]
+    measured = [stage for stage, source in sources.items() if source == "ledger"]
+    guessed = [stage for stage in sources if stage not in measured]
+    said = [f"{', '.join(measured)} as the ledger has it (median)"] if measured else []
+    said += [f"{', '.join(guessed)} by built-in constants"] if guessed else []
     return [
         f"{needs['steps']} steps, about {duration(needs['seconds'])}, {needs['tasks_in_flight']} at a time",
+        f"time of {'; '.join(said)}",
         f"{size(needs['bytes_written'])} to be written, {size(needs['memory_per_task'])} of memory for each task",
     ]

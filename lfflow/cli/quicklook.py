@@ -1,42 +1,38 @@
-"""`lfflow quicklook`."""
+"""The command that draws the captures of a collection."""
 
 from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from lfflow.cli.options import Json, Stored, Where
+
 
 def quicklook(
-    collection: Path,
+    collection: Stored,
     *,
-    where: str = "",
-    force: bool = False,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    where: Where = "",
+    force: Annotated[bool, Parameter(negative="")] = False,
+    json_: Json = False,
 ) -> int:
-    """Draw each capture's views, EPI, disparity and error map as a PNG.
+    """Draw each capture's views, EPI, disparity and error map as a PNG in the collection's folder quicklook.
 
     Parameters
     ----------
-    collection
-        Folder of the collection; the pictures go to its folder quicklook.
-    where
-        Expression over the catalogue that selects captures.
     force
         Draw also what is drawn already.
-    json_
-        Print one JSON document.
     """
-    from lfflow.cli.pictures import draw_collection
+    from lfflow.collection import open_collection
+    from lfflow.run.pictures import draw_missing, picture_name
 
-    drawn, failed = draw_collection(collection, where=where, force=force)
-    if json_:
-        sys.stdout.write(json.dumps({"pictures": [str(path) for path in drawn], "failed": failed}) + "\n")
-    else:
-        sys.stdout.writelines(f"{path}\n" for path in drawn)
+    opened = open_collection(collection)
+    drawn, failed = draw_missing(opened, where=where, force=force)
+    paths = [f"{opened.storage.url}/{picture_name(capture)}" for capture in drawn]
+    text = "".join(f"{path}\n" for path in paths)
+    sys.stdout.write(json.dumps({"pictures": paths, "failed": failed}) + "\n" if json_ else text)
     for capture, reason in failed.items():
         sys.stderr.write(f"lfflow: no picture of {capture}: {reason}\n")
     return 2 if failed else 0

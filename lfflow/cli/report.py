@@ -1,15 +1,18 @@
-"""`lfflow report`."""
+"""The command that writes a page of a whole collection."""
 
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Collection as Names
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from cyclopts import Parameter
+from lfflow.cli.options import Json, Stored
 
 if TYPE_CHECKING:
     from lfflow.collection.collection import Collection
@@ -23,6 +26,7 @@ _METADATA = (
     ("zoom_step", "zoom", "{:.0f}"),
     ("focus_step", "focus", "{:.0f}"),
 )
+_PAGE = "report.html"
 _LATTICE = (
     ("dh", "dh, px", 1.0, "{:.5f}"),
     ("dv", "dv, px", 1.0, "{:.5f}"),
@@ -32,44 +36,55 @@ _LATTICE = (
 
 
 def report(
-    collection: Path,
+    collection: Stored,
     *,
     out: Path | None = None,
-    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_: Json = False,
 ) -> int:
     """Write a page that shows the whole collection.
 
     Parameters
     ----------
-    collection
-        Folder of the collection.
     out
         The page to write; report.html in the collection by default.
-    json_
-        Print one JSON document.
     """
     import lfflow
-    from lfflow.cli.pictures import draw_collection
     from lfflow.collection import open_collection
+    from lfflow.collection.storage import explain
+    from lfflow.run.pictures import draw_missing
     from lfflow.viz.report import report_page
 
     opened = open_collection(collection)
-    pictures, failed = draw_collection(collection)
-    rows = report_rows(opened, {path.stem: path for path in pictures})
-    page = out or collection / "report.html"
+    drawn, failed = draw_missing(opened)
+    rows = report_rows(opened, drawn, _way_to(opened, out))
     made = f"lfflow {lfflow.__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-    page.write_text(report_page(collection.resolve().name, str(collection), rows, made=made), encoding="utf-8")
-    if json_:
-        sys.stdout.write(json.dumps({"report": str(page), "captures": len(rows), "failed": failed}) + "\n")
-    else:
-        sys.stdout.write(f"{page}\n")
+    url = opened.storage.url
+    text = report_page(url.rpartition("/")[2], url, rows, made=made)
+    try:
+        if out is None:
+            opened.storage.write(_PAGE, text.encode())
+        else:
+            out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise explain(error) from error
+    page = f"{url}/{_PAGE}" if out is None else str(out)
+    document = json.dumps({"report": page, "captures": len(rows), "failed": failed})
+    sys.stdout.write(f"{document if json_ else page}\n")
     for capture, reason in failed.items():
         sys.stderr.write(f"lfflow: no picture of {capture}: {reason}\n")
     return 0
 
 
-def report_rows(collection: Collection, pictures: Mapping[str, Path]) -> list[ReportRow]:
-    """Rows of the report from the catalogue and the ledger."""
+def _way_to(collection: Collection, page: Path | None) -> str | None:
+    """Relative path from a page to its collection; None where no browser would find it."""
+    if page is None:
+        return "."
+    return None if "://" in collection.storage.url else os.path.relpath(collection.storage.url, page.parent)
+
+
+def report_rows(collection: Collection, drawn: Names[str], way: str | None) -> list[ReportRow]:
+    """Rows of the report from the catalogue and the ledger; `way` leads from the page to the collection."""
+    from lfflow.run.pictures import picture_name
     from lfflow.viz.report import STAGES, ReportRow
 
     records = {stage: collection.ledger.records(stage) for stage in STAGES}
@@ -77,6 +92,7 @@ def report_rows(collection: Collection, pictures: Mapping[str, Path]) -> list[Re
     for entry in collection.catalogue().to_dict("records"):
         capture = str(entry["id"])
         mine = {stage: found[capture] for stage, found in records.items() if capture in found}
+        picture = picture_name(capture)
         rows.append(
             ReportRow(
                 capture=capture,
@@ -86,7 +102,8 @@ def report_rows(collection: Collection, pictures: Mapping[str, Path]) -> list[Re
                 states={stage: str(entry[f"{stage}_state"]) for stage in STAGES},
                 seconds={stage: float(record.seconds) for stage, record in mine.items()},
                 reason=str(entry["failure"]),
-                picture=pictures.get(capture),
+                picture=partial(collection.storage.read, picture) if capture in drawn else None,
+                link=f"{way}/{picture}" if way is not None else "",
             )
         )
     return rows
@@ -99,7 +116,8 @@ def _metadata(entry: Mapping[Any, Any]) -> dict[str, str]:
     shown = {"time (UTC)": "" if pd.isna(time) else f"{time:%Y-%m-%d %H:%M}"}
     for name, heading, form in _METADATA:
         shown[heading] = "" if pd.isna(entry[name]) else form.format(float(entry[name]))
-    return {**shown, "white image": str(entry["white"])}
+    damage = {"damage that was accepted": str(entry["damaged"])} if entry["damaged"] else {}
+    return {**shown, "white image": str(entry["white"]), **damage}
 
 
 def _lattice(records: Mapping[str, Record]) -> dict[str, str]:

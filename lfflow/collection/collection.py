@@ -45,7 +45,7 @@ class Collection:
 
     def exists(self) -> bool:
         """Whether a catalogue is there."""
-        return catalogue.FILE in self.storage.names("")
+        return self.storage.has(catalogue.FILE)
 
     def store(self, kind: str) -> Store:
         """Store of "calibration", "lightfield" or "disparity"."""

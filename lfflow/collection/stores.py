@@ -76,7 +76,9 @@ class Store:
 
     def _write_manifest(self, group: str, sizes: Mapping[str, int], captures: Sequence[str]) -> None:
         document = {"sizes": dict(sizes), "captures": list(captures), "schema_version": self.schema.version}
-        self._replace(self._manifest_name(group), sealed(document))
+        name, data = self._manifest_name(group), sealed(document)
+        if self.storage.read_many([name]).get(name) != data:
+            self.storage.write(name, data)
 
     def _manifest_name(self, group: str) -> str:
         return f"ledger/stores/{self.schema.name}/{group}.json"
@@ -105,7 +107,8 @@ class Store:
             self.check(group, manifest)
         after = (*before, *(name for name in captures if name not in set(before)))
         if after != before or not manifest:
-            self._write_small(template.build(self.schema, group, sizes, after, {}, values=not manifest))
+            content = template.build(self.schema, group, sizes, after, {}, values=not manifest)
+            self._write_small(content, fresh=not manifest)
         # Last: a slot that the manifest names has its place in every array, also after a crash in between.
         self._write_manifest(group, sizes, after)
         return {name: slot for slot, name in enumerate(after)}
@@ -118,13 +121,11 @@ class Store:
                 f"{self.schema.version}: lfflow migrate brings it there"
             )
         expected = template.build(self.schema, group, manifest.sizes, manifest.captures, {}, values=False)
-        for key, wanted in expected.items():
-            if not key.endswith("zarr.json"):
-                continue
-            name = f"{self.folder}/{key}"
-            try:
-                found = self.storage.read(name)
-            except FileNotFoundError:
+        contents = {f"{self.folder}/{key}": data for key, data in expected.items() if key.endswith("zarr.json")}
+        there = self.storage.read_many(list(contents))
+        for name, wanted in contents.items():
+            found = there.get(name)
+            if found is None:
                 self.storage.write(name, wanted)
                 continue
             differences = template.differences(found, wanted)
@@ -144,21 +145,16 @@ class Store:
         content = template.build(self.schema, group, manifest.sizes, manifest.captures, records, sorted(lines))
         self._write_small(content)
 
-    def _write_small(self, content: Mapping[str, bytes]) -> None:
+    def _write_small(self, content: Mapping[str, bytes], *, fresh: bool = False) -> None:
         """Write what differs from the disk; array metadata last, so that a longer shape never lacks its labels.
 
-        None of it needs to survive a power cut: every run derives it from the ledger again.
+        Of a `fresh` group nothing is there yet. None of it needs to survive a power cut: every run derives it anew.
         """
-        for key, data in sorted(content.items(), key=lambda item: item[0].endswith("zarr.json")):
-            self._replace(f"{self.folder}/{key}", data, durable=False)
-
-    def _replace(self, name: str, data: bytes, *, durable: bool = True) -> None:
-        try:
-            if self.storage.read(name) == data:
-                return
-        except FileNotFoundError:
-            pass
-        self.storage.write(name, data, durable=durable)
+        names = {f"{self.folder}/{key}": data for key, data in content.items()}
+        there = {} if fresh else self.storage.read_many(list(names))
+        changed = {name: data for name, data in names.items() if there.get(name) != data}
+        for metadata in (False, True):
+            self.storage.write_many({n: data for n, data in changed.items() if n.endswith("zarr.json") == metadata})
 
     def _array(self, group: str, name: str, mode: Any) -> Any:
         store = self._whole if mode == "r" else self._zarr

@@ -76,15 +76,14 @@ def _check_metadata(store: Store, group: str) -> list[Finding]:
     if manifest is None:
         return []
     found = [Finding("ledger", "", reason)] if (reason := store.manifest_damage(group)) else []
-    for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, {}, values=False).items():
+    expected = template.build(store.schema, group, manifest.sizes, manifest.captures, {}, values=False)
+    contents = store.storage.read_many([f"{store.folder}/{key}" for key in expected])
+    for key, wanted in expected.items():
         name = f"{store.folder}/{key}"
-        try:
-            there = store.storage.read(name)
-            differences = template.differences(there, wanted)
-            if not differences and template.has_other_length(there, wanted):
-                differences = ["it has not the captures of its group"]
-        except FileNotFoundError:
-            differences = ["missing"]
+        there = contents.get(name)
+        differences = ["missing"] if there is None else template.differences(there, wanted)
+        if there is not None and not differences and template.has_other_length(there, wanted):
+            differences = ["it has not the captures of its group"]
         found += [Finding("metadata", "", f"{name}: {difference}") for difference in differences]
     return found
 
@@ -97,14 +96,9 @@ def _check_small(store: Store, records: dict[str, Record]) -> list[Finding]:
         if manifest is None:
             continue
         mine = {name: record for name, record in records.items() if record.group == group}
-        for key, wanted in template.build(store.schema, group, manifest.sizes, manifest.captures, mine).items():
-            if key.endswith("zarr.json"):
-                continue
-            name = f"{store.folder}/{key}"
-            try:
-                same = store.storage.read(name) == wanted
-            except FileNotFoundError:
-                same = False
-            if not same:
-                found.append(Finding("small variables", "", f"{name} does not match the ledger"))
+        expected = template.build(store.schema, group, manifest.sizes, manifest.captures, mine)
+        small = {f"{store.folder}/{key}": data for key, data in expected.items() if not key.endswith("zarr.json")}
+        there = store.storage.read_many(list(small))
+        wrong = [name for name, wanted in small.items() if there.get(name) != wanted]
+        found += [Finding("small variables", "", f"{name} does not match the ledger") for name in wrong]
     return found

@@ -13,9 +13,10 @@ from typing import Any
 
 import dask
 
-from lfflow.run.executors import Report, WorkersError
+from lfflow.run.executors import Report
 from lfflow.run.limits import PROCESS
 from lfflow.run.task import Work, crashed, lost, perform, thread_environment
+from lfflow.run.versions import WorkersError, check_scheduler, check_workers, version_question
 
 _log = logging.getLogger(__name__)
 _POLL_SECONDS = 2.0
@@ -79,7 +80,7 @@ def _local_cluster(count: int, memory: int) -> Any:
 
 @contextlib.contextmanager
 def remote_client(address: str, tls: Mapping[str, Any]) -> Iterator[Any]:
-    """Client of the scheduler at an address; raises WorkersError.
+    """Client of the scheduler at an address; raises WorkersError when none answers, or one with another lfflow.
 
     `tls` has paths of PEM files (`TLS_KEYS`); without it, TLS is as dask's own configuration says.
     """
@@ -92,6 +93,7 @@ def remote_client(address: str, tls: Mapping[str, Any]) -> Iterator[Any]:
         raise WorkersError(f"no scheduler answers at {address}: {error}") from error
     with client:
         _log.info("dashboard: %s", client.dashboard_link)
+        check_scheduler(client)
         yield client
 
 
@@ -123,6 +125,8 @@ class ClusterExecutor:
 
     A task whose worker dies is tried again `retries` times, the last time alone on the cluster, so that it can neither
     take others with it nor be blamed for them. A run without workers, or without its scheduler, ends with what it has.
+    Workers that somebody else started (`elsewhere`) are asked for their version of lfflow as they appear; raises
+    WorkersError when it is another.
     """
 
     def __init__(
@@ -133,12 +137,15 @@ class ClusterExecutor:
         *,
         memory: int = 0,
         patience: float = PATIENCE_SECONDS,
+        elsewhere: bool = False,
     ) -> None:
         self._client = client
         self._limit = in_flight
         self._retries = retries
         self._memory = memory
         self._patience = patience
+        self._elsewhere = elsewhere
+        self._met: set[str] = set()
         self._seen_at = time.monotonic() + QUEUE_SECONDS - patience
         self._asked_at = -_POLL_SECONDS
         self._room = 0
@@ -154,6 +161,8 @@ class ClusterExecutor:
             raise
 
     def _drain(self, batch: _Batch) -> None:
+        if self._elsewhere and not self._met:
+            self._await_worker()
         while True:
             self._look_at_workers()
             self._submit(batch)
@@ -168,6 +177,17 @@ class ClusterExecutor:
                     batch.report(lost(work, trouble))
                 return
 
+    def _await_worker(self) -> None:
+        """Let the first worker say what it is before it gets a task: a stranger dies of one that it cannot unpack.
+
+        The question is a task itself, for a cluster that grows with its queue has no worker before.
+        """
+        question = self._client.submit(version_question(), pure=False, retries=10)
+        while not question.done() and not self._trouble():
+            self._wait([question])
+            self._look_at_workers()
+        self._meet(self._workers_there())
+
     def _submit(self, batch: _Batch) -> None:
         while len(batch.flying) < self._room:
             item = batch.next()
@@ -181,16 +201,28 @@ class ClusterExecutor:
         if now - self._asked_at < _POLL_SECONDS:
             return
         self._asked_at = now
-        try:
-            workers = self._client.scheduler_info()["workers"].values() if self._client.status == "running" else ()
-        except (OSError, RuntimeError, TimeoutError, AttributeError):
-            workers = ()
-        if workers:
+        there = self._workers_there()
+        if there:
             self._seen_at = now
+        self._meet(there)
+        workers = there.values()
         room = sum(self._fits(worker["nthreads"], worker["memory_limit"]) for worker in workers)
         full = room == sum(worker["nthreads"] for worker in workers)
         self._room = min(room, self._limit) if self._limit else (2 * room if full else room)
         self._room = max(1, self._room)
+
+    def _meet(self, there: Mapping[str, Any]) -> None:
+        """Ask the workers that were not seen before for their version; raises WorkersError."""
+        strangers = there.keys() - self._met if self._elsewhere else ()
+        if strangers:
+            self._met.update(check_workers(self._client, strangers))
+
+    def _workers_there(self) -> dict[str, Any]:
+        """What the scheduler says of its workers, by address."""
+        with contextlib.suppress(OSError, RuntimeError, TimeoutError, AttributeError):
+            if self._client.status == "running":
+                return dict(self._client.scheduler_info(n_workers=-1)["workers"])
+        return {}
 
     def _fits(self, threads: int, memory: int) -> int:
         if not memory or not self._memory:

@@ -103,12 +103,14 @@ class Crew:
         options = self._options
         told = dict(options.config.get(CLUSTER, {}))
         patience = float(told.pop("patience", PATIENCE_SECONDS))
+        here = options.workers.kind == "processes"
         if self._client is None:
-            here = options.workers.kind == "processes"
             manager = local_client(self.lanes or 1, self._bound()) if here else remote_client(
                 options.workers.address, told)  # fmt: skip
             self._client = self._stack.enter_context(manager)
-        return ClusterExecutor(self._client, self.lanes, options.retries, memory=self._memory, patience=patience)
+        return ClusterExecutor(
+            self._client, self.lanes, options.retries, memory=self._memory, patience=patience, elsewhere=not here
+        )
 
     def _bound(self) -> int:
         """What one worker process of this machine may use: its share, and at least what its task is known to need."""

@@ -11,16 +11,12 @@ from typing import Protocol
 
 import dask.threaded
 
-from lfflow.errors import LfflowError
 from lfflow.run.task import Status, Work, perform
+from lfflow.run.versions import WorkersError
 
 _log = logging.getLogger(__name__)
 Report = Callable[[tuple[Status, ...]], None]
 _LAST_SECONDS = 600.0
-
-
-class WorkersError(LfflowError):
-    """The workers cannot be had as asked."""
 
 
 class Executor(Protocol):

@@ -8,8 +8,9 @@ from typing import Any
 
 from lfflow.run.chain import CHAIN, Chain
 from lfflow.run.config import ConfigError, load_config
-from lfflow.run.executors import WorkersError, parse_workers
+from lfflow.run.executors import parse_workers
 from lfflow.run.options import Options
+from lfflow.run.versions import WorkersError
 
 
 def options_from(

@@ -7,19 +7,15 @@ import errno
 import functools
 import logging
 import os
-import platform
-import tempfile
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 import dask
-import numpy as np
 import xarray as xr
 
+from lfflow import __version__
 from lfflow.collection import Collection
 from lfflow.collection.inputs import file_state
 from lfflow.collection.leases import lease
@@ -28,10 +24,11 @@ from lfflow.collection.storage import explain
 from lfflow.errors import CollectionError, FormatError, LfflowError
 from lfflow.run.chain import Chain, Stage, StageInput
 from lfflow.run.darks import Dark
+from lfflow.run.pictures import draw, picture_name
 from lfflow.run.plan import BLOCKED, FAILED_BEFORE, SKIP, Job, Step
+from lfflow.run.versions import WorkersError, versions
 
 _log = logging.getLogger(__name__)
-_drawing = threading.Lock()
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
@@ -56,6 +53,7 @@ class Work:
     job: Job
     pictures: bool = True
     threads: int = 1
+    version: str = __version__
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +72,12 @@ class Status:
 
 
 def perform(work: Work) -> tuple[Status, ...]:
-    """Run the steps of one capture one after the other; the first that fails blocks the rest."""
+    """Run the steps of one capture one after the other; the first that fails blocks the rest.
+
+    Raises WorkersError in a process that has another lfflow than the one that sent the work.
+    """
+    if work.version != __version__:
+        raise WorkersError(f"this worker runs lfflow {__version__}, the run lfflow {work.version}")
     _single_threaded_libraries()
     frame = _Frame(work.chain, work.job)
     statuses: list[Status] = []
@@ -197,7 +200,7 @@ def _commit(collection: Collection, work: Work, stage: Stage, step: Step, frame:
             group=job.group, slot=step.slot, files=files, scalars=store.scalars(result),
             parameters={name: dict(table) for name, table in step.parameters.items()},
             upstream={name: mark for name, (_, mark) in step.upstream.items()},
-            versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
+            versions=versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
             seconds=round(time.perf_counter() - started, 3),
             damaged={**_damage(record for record, _ in before.values()), **frame.damaged},
         ))  # fmt: skip
@@ -225,7 +228,7 @@ def _record_failure(collection: Collection, job: Job, step: Step, error: Excepti
     with contextlib.suppress(OSError):
         collection.ledger.write(Record(
             step.stage, job.capture, FAILED, step.fingerprint, source={"path": job.path, "sha256": job.sha256},
-            group=job.group, versions=_versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
+            group=job.group, versions=versions(), finished=datetime.now(UTC).isoformat(timespec="seconds"),
             reason=_reason(error), transient=transient,
         ))  # fmt: skip
 
@@ -255,31 +258,11 @@ def _draw(collection: Collection, work: Work, statuses: list[Status]) -> None:
     last = statuses[-1] if statuses else None
     if work.chain.draw is None or last is None or last.stage != "disparity" or last.state not in ("done", "kept"):
         return
-    name = f"quicklook/{work.job.capture}.png"
-    if last.state == "kept" and name.removeprefix("quicklook/") in collection.storage.names("quicklook"):
-        return
     try:
-        lightfield = collection.ledger.find("lightfield", work.job.capture)
-        disparity = collection.ledger.find("disparity", work.job.capture)
-        if lightfield is None or disparity is None:
-            return
-        with _drawing, tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "quicklook.png"
-            pair = collection.store("lightfield").read(lightfield), collection.store("disparity").read(disparity)
-            work.chain.draw(*pair, str(path))
-            collection.storage.write(name, path.read_bytes())
+        if last.state == "done" or not collection.storage.has(picture_name(work.job.capture)):
+            draw(collection, work.job.capture, work.chain)
     except Exception as error:  # noqa: BLE001 - see the docstring
         _log.warning("no picture of %s: %s", work.job.capture, error)
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    import zarr
-
-    from lfflow import __version__
-
-    return {"lfflow": __version__, "numpy": np.__version__, "zarr": zarr.__version__,
-            "python": platform.python_version()}  # fmt: skip
 
 
 @functools.cache

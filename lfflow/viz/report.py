@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from urllib.parse import quote
 
 THUMBNAIL_WIDTH = 460
 STAGES = ("calibration", "lightfield", "disparity")
@@ -54,8 +54,8 @@ class ReportRow:
         State and duration of every stage.
     reason
         Why it failed.
-    picture
-        Its quicklook.
+    picture, link
+        What reads its quicklook, a PNG; where the page links to.
     """
 
     capture: str
@@ -65,7 +65,8 @@ class ReportRow:
     states: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
-    picture: Path | None = None
+    picture: Callable[[], bytes] | None = None
+    link: str = ""
 
 
 def report_page(title: str, where: str, rows: Sequence[ReportRow], *, made: str = "") -> str:
@@ -98,13 +99,14 @@ def report_page(title: str, where: str, rows: Sequence[ReportRow], *, made: str 
     )
 
 
-def thumbnail(picture: Path, width: int = THUMBNAIL_WIDTH) -> str:
-    """A PNG as a small JPEG in a data URL."""
+def thumbnail(picture: bytes, width: int = THUMBNAIL_WIDTH) -> str:
+    """A PNG as a small JPEG in a data URL; empty when it is no picture."""
     import cv2
+    import numpy as np
 
-    image = cv2.imread(str(picture), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR) if picture else None
     if image is None:
-        raise FileNotFoundError(f"{picture} is no picture")
+        return ""
     height = round(image.shape[0] * width / image.shape[1])
     small = cv2.resize(image, (2 * width, 2 * height), interpolation=cv2.INTER_AREA)
     data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 82])[1].tobytes()
@@ -128,8 +130,9 @@ def _numbers(rows: Sequence[ReportRow]) -> str:
 
 def _card(row: ReportRow) -> str:
     assert row.picture is not None  # noqa: S101 - only rows with a picture come here
-    link = html.escape(f"quicklook/{row.picture.name}", quote=True)
-    picture = f'<a href="{link}"><img alt="{html.escape(row.capture, quote=True)}" src="{thumbnail(row.picture)}"></a>'
+    picture = f'<img alt="{html.escape(row.capture, quote=True)}" src="{thumbnail(row.picture())}">'
+    if row.link:
+        picture = f'<a href="{html.escape(quote(row.link), quote=True)}">{picture}</a>'
     return f"<figure>{picture}<figcaption>{html.escape(row.capture)}</figcaption></figure>"
 
 

@@ -80,6 +80,8 @@ def test_the_plan_lists_steps_and_needs(scanned, capsys):
         ("WHITE", "calibration"), *((c, s) for c in ("A", "BB") for s in ("lightfield", "disparity"))
     }  # fmt: skip
     assert told["needs"]["steps"] == 5
+    assert plan(scanned) == 0
+    assert "time of calibration, lightfield, disparity by built-in constants\n" in capsys.readouterr().out
 
 
 def test_validate_finds_nothing_in_a_whole_collection(scanned, capsys):

@@ -21,9 +21,10 @@ from lfflow.run import cluster as cluster_module
 from lfflow.run import make_plan
 from lfflow.run.chain import CHAIN
 from lfflow.run.config import ConfigError, check_config
-from lfflow.run.executors import Workers, WorkersError, parse_workers
+from lfflow.run.executors import Workers, parse_workers
 from lfflow.run.options import Options
 from lfflow.run.task import Work
+from lfflow.run.versions import WorkersError
 
 HERE = str(Path(__file__).parent)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from fake_chain import write_capture
 from fault_tools import run
 
 from lfflow.collection import open_collection
-from lfflow.run import Options, make_plan
+from lfflow.run import Options, make_plan, scan_collection
 from lfflow.run.chain import CHAIN, Grid
 from lfflow.run.estimate import estimate
 from lfflow.run.executors import Workers
@@ -94,8 +95,30 @@ def test_the_plan_says_what_it_needs(tmp_path, captures):
     assert needs["steps"] == 7
     assert needs["tasks_in_flight"] == 2
     assert 0 <= needs["memory"] - 3 * PROCESS < MIB
-    assert needs["seconds"] > 0
     assert open_collection(tmp_path / "col").status()["files"] == 4
+
+
+def test_the_plan_takes_its_time_from_the_ledger_once_there_is_one(tmp_path, captures):
+    from fake_chain import FAKE
+
+    constants = replace(FAKE, stages=tuple(replace(stage, seconds_per_megapixel=625.0) for stage in FAKE.stages))
+    options = Options(force=True, inputs=(captures,), workers=Workers("threads", 2), memory=16 << 30)
+
+    def told():
+        return estimate(tmp_path / "col", make_plan(tmp_path / "col", options, FAKE), options, constants)
+
+    scan_collection(tmp_path / "col", options, FAKE)
+    assert told()["seconds"] == 7 * 1.0 / 2
+    assert told()["seconds_from"] == dict.fromkeys(FAKE.names, "constants")
+    run(tmp_path / "col", captures)
+    ledger = open_collection(tmp_path / "col").ledger
+    for stage, taken in (("lightfield", (2.0, 4.0, 90.0)), ("disparity", (1.0, 1.0, 1.0))):
+        for record, seconds in zip(ledger.records(stage).values(), taken, strict=True):
+            ledger.write(replace(record, seconds=seconds))
+    ledger.remove("calibration", "WHITE_1")
+    needs = told()
+    assert needs["seconds"] == (1.0 + 3 * 4.0 + 3 * 1.0) / 2
+    assert needs["seconds_from"] == {"calibration": "constants", "lightfield": "ledger", "disparity": "ledger"}
 
 
 def test_a_small_real_capture_stays_below_its_estimate(measure):

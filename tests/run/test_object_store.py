@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from fake_chain import FAKE, write_capture
 
@@ -12,6 +17,7 @@ from lfflow.collection.validate import validate
 from lfflow.errors import CollectionError
 from lfflow.run import Options, run_collection
 from lfflow.run.executors import Workers
+from lfflow.simulate import simulate_collection
 
 SECRET = "a-secret-that-is-never-stored"  # noqa: S105 - of a server in this process
 
@@ -88,6 +94,33 @@ def test_it_grows_and_heals_as_on_a_disk(bucket, pair):
     assert [finding.what for finding in validate(open_collection(bucket))] == ["disparity"]
     assert run(bucket).counts["done"] == 1
     assert storage.read(victim) == before[victim]
+
+
+def lfflow(*arguments):
+    """Standard output of a command that must succeed, in a process of its own."""
+    command = [sys.executable, "-m", "lfflow", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_command_works_on_a_bucket(bucket, tmp_path):
+    simulate_collection(tmp_path / "raw", captures=2, height=320, width=320)
+    run_it = ("run", tmp_path / "raw", "--workers", "processes:2", "--json", "--out")
+    assert json.loads(lfflow(*run_it, bucket))["counts"] == {"done": 5}
+    assert json.loads(lfflow(*run_it, bucket))["counts"] == {"kept": 5}
+    told = json.loads(lfflow("status", bucket, "--json"))
+    assert told["stages"]["disparity"] == {"done": 2}
+    assert "the nearest of 1 white images" in lfflow("status", bucket, "--why", "IMG_0001")
+    assert lfflow("query", bucket, "disparity_state == 'done'").split() == ["IMG_0001", "IMG_0002"]
+    assert "nothing to do" in lfflow("plan", bucket)
+    assert lfflow("validate", bucket) == "everything is whole\n"
+    assert lfflow("migrate", bucket) == "every store has the present schema\n"
+    assert lfflow("quicklook", bucket, "--where", "id == 'IMG_0001'") == f"{bucket}/quicklook/IMG_0001.png\n"
+    assert lfflow("report", bucket) == f"{bucket}/report.html\n"
+    assert open_storage(bucket).read("report.html").count(b"data:image/jpeg;base64,") == 2
+    written = lfflow("export", bucket, "--format", "pfm", "--out", tmp_path / "out").split()
+    assert [Path(path).is_file() for path in written] == [True, True]
 
 
 def test_one_run_at_a_time(bucket):

@@ -168,7 +168,7 @@ class NoWorkers:
         def done():
             return False
 
-    def scheduler_info(self):
+    def scheduler_info(self, **_):
         return {"workers": {}}
 
     def submit(self, *_, **__):

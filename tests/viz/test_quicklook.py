@@ -98,11 +98,21 @@ def test_the_page_is_whole_and_safe(tmp_path: Path) -> None:
     picture = tmp_path / "IMG_1.png"
     cv2.imwrite(str(picture), np.zeros((80, 100, 3), np.uint8))
     rows = [
-        ReportRow("IMG_1", "scene", "F01", {"ISO": "100"}, {"disparity": "done"}, {"disparity": 1.5}, picture=picture),
+        ReportRow(
+            "IMG_1",
+            "scene",
+            "F01",
+            {"ISO": "100"},
+            {"disparity": "done"},
+            {"disparity": 1.5},
+            "",
+            picture.read_bytes,
+            "quicklook/IMG_1.png",
+        ),
         ReportRow("<b>", "", "", states={"disparity": "unreadable"}, reason="cut <off> & empty"),
     ]
     page = report_page("two", "/somewhere", rows)
     assert "cut &lt;off&gt; &amp; empty" in page
     assert "<td><b></td>" not in page
-    assert "data:image/jpeg;base64," in page
+    assert '<a href="quicklook/IMG_1.png"><img alt="IMG_1" src="data:image/jpeg;base64,' in page
     assert "http" not in page.replace("http-equiv", "")
