@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from lfflow.cli.options import Json, Stored, Where
 
-Format = Literal["views", "eslf", "toolbox", "pfm", "png16", "focal-stack", "gif", "ply"]
+Format = Literal["views", "eslf", "toolbox", "pfm", "png16", "focal-stack", "gif", "webp", "ply"]
 
 
 def export(
@@ -36,7 +36,7 @@ def export(
     ----------
     format_
         views: a PNG folder as HCI names it; eslf: a lenslet picture; toolbox: LFToolbox's .mat; pfm, png16: disparity
-        of the central view; focal-stack: TIFF; gif: a looping parallax; ply: coloured points.
+        of the central view; focal-stack: TIFF; gif, webp: a looping parallax; ply: coloured points.
     out
         Folder to write to.
     camera

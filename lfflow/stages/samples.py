@@ -55,6 +55,22 @@ def usable_views(lf: xr.Dataset) -> xr.DataArray:
     return usable
 
 
+def usable_reach(lf: xr.Dataset) -> int:
+    """Largest offset r whose views (0, ±r) and (±r, 0) are usable, and all between them.
+
+    The square of the views −r…r is what exports and pictures show.
+    """
+    usable = usable_views(lf)
+    arms = (
+        {int(u): usable.sel(v=0, u=u) for u in lf["u"].values},
+        {int(v): usable.sel(v=v, u=0) for v in lf["v"].values},
+    )
+    reach = 0
+    while all(bool(arm.get(side, False)) for arm in arms for side in (-reach - 1, reach + 1)):
+        reach += 1
+    return reach
+
+
 def only_usable(lf: xr.Dataset) -> xr.Dataset:
     """Light field without the samples of the views that are not usable; lazy where `lf` is."""
     usable = usable_views(lf).reset_coords(drop=True)

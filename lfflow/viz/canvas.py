@@ -60,7 +60,7 @@ class Canvas:
         for place, text, size, colour in self._texts:
             draw.text(place, text, font=fonts[size], fill=colour)
         drawn = np.asarray(sheet)[..., ::-1]
-        return bytes(cv2.imencode(".png", drawn, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1])
+        return bytes(cv2.imencode(".png", drawn, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1])
 
 
 def palette(name: int) -> Image:

@@ -1,4 +1,4 @@
-"""What the pictures of a capture share: square pixels, the part worth showing, the views that have light."""
+"""What the pictures of a capture share: square pixels and the part worth showing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.conventions import FIELD_DIMS
 from lfflow.schema import lattice_of
 
 FloatImage = npt.NDArray[np.float32]
@@ -52,19 +51,3 @@ def one_capture(ds: xr.Dataset) -> xr.Dataset:
     if ds.sizes["capture"] != 1:
         raise ValueError(f"one capture at a time is drawn, not {ds.sizes['capture']}")
     return ds.isel(capture=0)
-
-
-def outer_view(lightfield: xr.Dataset, *, least: float = 0.4, share: float = 0.95) -> int:
-    """Largest u ≥ 1 whose views (0, ±u) get `least` of the light, and at least `share` of the centre's samples."""
-    field = lightfield["weight"].sel(v=0).transpose("u", *FIELD_DIMS[2:])
-    lit = {int(u): _positive(field.sel(u=u).values[::3, ::3]) for u in lightfield["u"].values}
-    enough = share * lit[0].size
-    for u in range(max(lit), 1, -1):
-        if all(lit[side].size >= enough and np.median(lit[side]) >= least for side in (-u, u)):
-            return u
-    return 1
-
-
-def _positive(values: FloatImage) -> FloatImage:
-    kept = values[values > 0]
-    return kept if kept.size else np.zeros(1, dtype=np.float32)

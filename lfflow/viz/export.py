@@ -23,6 +23,7 @@ from lfflow.stages.grid import grid_of
 from lfflow.stages.picture import develop, to_integers
 from lfflow.stages.reconstruct import reconstruct_views
 from lfflow.stages.refocus import refocus
+from lfflow.stages.samples import usable_reach
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,9 @@ def export_capture(
 
 
 def _views(lf: xr.Dataset, disp: xr.Dataset, options: Options, offsets: Any = None) -> xr.Dataset:
-    views = reconstruct_views(lf, disp, scale=options.scale, views=offsets)
+    """The views at `offsets`; by default the square of those that have light."""
+    square = range(-usable_reach(lf), usable_reach(lf) + 1)
+    views = reconstruct_views(lf, disp, scale=options.scale, views=offsets or {"v": square, "u": square})
     return views.compute(scheduler="synchronous")
 
 
@@ -135,18 +138,26 @@ def _focal_stack(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options)
     return file
 
 
-def _gif(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path:
+def _parallax(lf: xr.Dataset, disp: xr.Dataset, file: Path, options: Options, **how: Any) -> Path:
+    """A moving picture of a round trip in the aperture, for ever."""
     from PIL import Image
 
-    radius = 0.6 * float(min(np.abs(np.asarray(lf["u"])).max(), np.abs(np.asarray(lf["v"])).max()))
+    radius = 0.75 * usable_reach(lf)
     angles = [2 * math.pi * k / 16 for k in range(16)]
     places = [{"v": [radius * math.sin(a)], "u": [radius * math.cos(a)]} for a in angles]
     views = [_views(lf, disp, options, place)["rgb"].isel(v=0, u=0, drop=True) for place in places]
     pages = to_integers(develop(xr.concat(views, "frame"), lf), 8)
     frames = [Image.fromarray(np.asarray(page, dtype=np.uint8)) for page in pages]
-    file = path.with_name(f"{path.name}.gif")
-    frames[0].save(file, save_all=True, append_images=frames[1:], duration=80, loop=0)
+    frames[0].save(file, save_all=True, append_images=frames[1:], duration=80, loop=0, **how)
     return file
+
+
+def _gif(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path:
+    return _parallax(lf, disp, path.with_name(f"{path.name}.gif"), options)
+
+
+def _webp(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path:
+    return _parallax(lf, disp, path.with_name(f"{path.name}.webp"), options, quality=90)
 
 
 def _ply(lf: xr.Dataset, disp: xr.Dataset, path: Path, options: Options) -> Path:
@@ -176,5 +187,6 @@ WRITERS: dict[str, Callable[[xr.Dataset, xr.Dataset, Path, Options], Path]] = {
     "png16": _png16,
     "focal-stack": _focal_stack,
     "gif": _gif,
+    "webp": _webp,
     "ply": _ply,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -15,21 +16,26 @@ from lfflow.schema import lattice_of
 from lfflow.stages.epi import epi
 from lfflow.stages.picture import develop, to_integers
 from lfflow.stages.reconstruct import reconstruct_views
+from lfflow.stages.samples import usable_reach
 from lfflow.viz.canvas import INK, SOFT, Canvas, FloatImage, coloured, palette
-from lfflow.viz.display import one_capture, outer_view, shown_box, to_square
+from lfflow.viz.display import one_capture, shown_box, to_square
 
 _WIDTH, _MARGIN, _SIDE, _HEAD, _CAPTION = 1560, 24, 488, 62, 24
 _EPI_ROW, _EPI_LINES = 12, 16
 _MAPS = ("disparity", "disparity_std")
-_ANY_SURFACE = Rule(tolerance=1e3, lift=0.6, stiffness=0.5)
+_DISPARITY = "disparity, lens pitches per view step", cv2.COLORMAP_TURBO
+_ERROR = "standard deviation of the disparity", cv2.COLORMAP_MAGMA
+_BESIDE = 2
+"""A side view is made of the views from it to the centre, in the rows up to so many above and below."""
+_ANY_SURFACE = Rule(radius=1.3, tolerance=1e3, lift=0.6, stiffness=0.5, likeness=0.5)
 """Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
 
 
 def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """Draw a capture as a PNG.
 
-    Left, centre and right view; focused near, everywhere and far; an epipolar image with the lines of the disparity;
-    the disparity and its error.
+    Left view, centre view with everything in focus, right view; focused near and far; an epipolar image with the
+    lines of the disparity; the disparity and its error.
 
     Parameters
     ----------
@@ -65,9 +71,16 @@ def quicklook(lightfield: xr.Dataset, disparity: xr.Dataset) -> Canvas:
             sheet.picture(x, y + _CAPTION, _SIDE, height, np.rint(np.nan_to_num(shown) * 255).astype(np.uint8))
         y += height + _CAPTION + 14
     _draw_epi(sheet, y, strip, lightfield, row)
-    y += epi_height + _CAPTION + 14
-    _draw_maps(sheet, y, height, lightfield, disparity, box)
-    _write_text(sheet, _MARGIN + 2 * (_SIDE + _MARGIN) + 30, y + _CAPTION, lightfield, disparity)
+    below = y + epi_height + _CAPTION + 14
+    right = _MARGIN + 2 * (_SIDE + _MARGIN)
+    values, error = central(disparity, "disparity"), central(disparity, "disparity_std")
+    beside = right, y - height - _CAPTION - 14
+    _draw_map(sheet, beside, height, to_square(values, lightfield), box, robust_limits(values, 1, 99), _DISPARITY)
+    limits = 0.0, max(robust_limits(error, 0, 95)[1], 0.02)
+    _draw_map(sheet, (_MARGIN, below), height, to_square(error, lightfield), box, limits, _ERROR)
+    columns = _camera_lines(lightfield), [*_lattice_lines(lightfield), ("", ""), *_map_lines(disparity)]
+    for x, lines in zip((right - _SIDE - _MARGIN + 30, right), columns, strict=True):
+        _write_text(sheet, x, below + _CAPTION, lines)
     return sheet
 
 
@@ -80,12 +93,12 @@ def _every_view(lightfield: xr.Dataset, disparity: xr.Dataset) -> xr.Dataset:
 
 
 def _pictures(lightfield: xr.Dataset, disparity: xr.Dataset) -> dict[str, FloatImage]:
-    """Screen values (t, s, channel) of six pictures, all under one exposure."""
-    side = outer_view(lightfield)
+    """Screen values (t, s, channel) of five pictures, all under one exposure."""
+    side = max(usable_reach(lightfield), 1)
     far, near = robust_limits(central(disparity, "disparity"), 10, 90)
     views = [("left view", -side), ("centre view, everything in focus", 0), ("right view", side)]
     found = {f"{label} (v = 0, u = {u})" if u else label: _view(lightfield, disparity, u) for label, u in views}
-    for label, d in (("focused near", near), ("focused on the middle", (near + far) / 2), ("focused far", far)):
+    for label, d in (("focused near", near), ("focused far", far)):
         found[f"{label} (disparity {d:+.2f})"] = _view(lightfield, _plane(disparity, d), 0, _ANY_SURFACE)
     shown = develop(xr.concat(list(found.values()), "picture"), lightfield)
     return dict(zip(found, shown.transpose("picture", "t", "s", "channel").values, strict=True))
@@ -99,13 +112,16 @@ def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
 
 
 def _view(lightfield: xr.Dataset, disparity: xr.Dataset, u: int, rule: Rule | None = None) -> xr.DataArray:
+    if u:
+        inwards = {"v": slice(-_BESIDE, _BESIDE), "u": slice(min(u, 0), max(u, 0))}
+        lightfield, disparity = lightfield.sel(inwards), disparity.sel(inwards)
     views = reconstruct_views(lightfield, disparity, views={"v": [0], "u": [u]}, rule=rule)
     return views["rgb"].isel(v=0, u=0, drop=True).reset_coords(drop=True)
 
 
 def _epi(lightfield: xr.Dataset, disparity: xr.Dataset, row: int) -> xr.Dataset:
     """Epipolar image of a lens row of the views v = 0 and the lines of its disparity."""
-    side = outer_view(lightfield)
+    side = max(usable_reach(lightfield), 1)
     wanted = {"v": [0], "u": list(range(-side, side + 1))}
     reach = {"t": slice(max(row - 8, 0), row + 9)}
     strip = reconstruct_views(lightfield.isel(reach), disparity.isel(reach), views=wanted, shared=False)
@@ -133,7 +149,7 @@ def central(disparity: xr.Dataset, name: str) -> FloatImage:
         array = array.sel(v=0)
     if "u" in array.dims:
         array = array.sel(u=0)
-    return np.asarray(array.transpose("t", "s").values)
+    return np.asarray(array.transpose("t", "s").values, dtype=np.float32)
 
 
 def robust_limits(values: npt.NDArray[np.floating], low: float, high: float) -> tuple[float, float]:
@@ -158,26 +174,25 @@ def telling_row(disparity: xr.Dataset) -> int:
     return int(np.argmax(spread)) if spread.any() else rows // 2
 
 
-def _draw_maps(
-    sheet: Canvas, y: int, height: int, lightfield: xr.Dataset, disparity: xr.Dataset, box: tuple[int, int, int, int]
+def _draw_map(
+    sheet: Canvas,
+    place: tuple[int, int],
+    height: int,
+    square: FloatImage,
+    box: tuple[int, int, int, int],
+    limits: tuple[float, float],
+    style: tuple[str, int],
 ) -> None:
-    values, error = central(disparity, "disparity"), central(disparity, "disparity_std")
-    maps = (
-        (values, robust_limits(values, 1, 99), palette(cv2.COLORMAP_TURBO), "disparity, lens pitches per view step"),
-        (error, (0.0, max(robust_limits(error, 0, 95)[1], 0.02)), palette(cv2.COLORMAP_MAGMA),
-         "standard deviation of the disparity"),
-    )  # fmt: skip
-    for place, (field, (low, high), colours, label) in enumerate(maps):
-        x, width = _MARGIN + place * (_SIDE + _MARGIN), _SIDE - 62
-        sheet.text(x, y, label)
-        square = to_square(field.astype(np.float32), lightfield)[box[0] : box[1], box[2] : box[3]]
-        high_map = round(height * width / _SIDE)
-        sheet.picture(x, y + _CAPTION, width, high_map, coloured(square, low, high, colours))
-        sheet.bar(x + width + 6, y + _CAPTION, high_map, colours, low, high)
+    """A map on square pixels with its caption and colour bar; `style` is the caption and the OpenCV colour map."""
+    (x, y), width, colours = place, _SIDE - 62, palette(style[1])
+    sheet.text(x, y, style[0])
+    high = round(height * width / _SIDE)
+    shown = coloured(square[box[0] : box[1], box[2] : box[3]], *limits, colours)
+    sheet.picture(x, y + _CAPTION, width, high, shown)
+    sheet.bar(x + width + 6, y + _CAPTION, high, colours, *limits)
 
 
-def _write_text(sheet: Canvas, x: int, y: int, lightfield: xr.Dataset, disparity: xr.Dataset) -> None:
-    lines = [*_camera_lines(lightfield), ("", ""), *_lattice_lines(lightfield), ("", ""), *_map_lines(disparity)]
+def _write_text(sheet: Canvas, x: int, y: int, lines: Sequence[tuple[str, str]]) -> None:
     for number, (name, value) in enumerate(lines):
         sheet.text(x, y + 25 * number, name, colour=SOFT)
         sheet.text(x + 190, y + 25 * number, value, colour=INK)

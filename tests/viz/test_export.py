@@ -44,10 +44,22 @@ def test_disparities_come_back_as_written(capture: tuple[xr.Dataset, xr.Dataset]
     np.testing.assert_array_equal(levels[..., 0] if levels.ndim == 3 else levels, np.where(values > 0, 65535, 1))
 
 
-def test_pictures_for_people(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
-    with Image.open(export_capture(*capture, "gif", tmp_path, "A", Options(scale=2.0))) as moving:
+@pytest.mark.parametrize("to", ["gif", "webp"])
+def test_a_parallax_moves_for_ever(capture: tuple[xr.Dataset, xr.Dataset], to: str, tmp_path: Path) -> None:
+    with Image.open(export_capture(*capture, to, tmp_path, "A", Options(scale=2.0))) as moving:
+        assert moving.format == to.upper()
         assert (moving.n_frames, moving.info["loop"]) == (16, 0)
         assert moving.size == (39, 40)
+
+
+def test_the_square_of_views_with_light_is_written(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
+    lf, disp = capture
+    dark = lf.copy(deep=True)
+    dark["cfa"].loc[{"u": 2}] = 255
+    assert dict(open_views(export_capture(dark, disp, "views", tmp_path, "A")).sizes)["u"] == 3
+
+
+def test_pictures_for_people(capture: tuple[xr.Dataset, xr.Dataset], tmp_path: Path) -> None:
     stack = export_capture(*capture, "focal-stack", tmp_path, "A", Options(planes=3))
     assert len(cv2.imreadmulti(str(stack))[1]) == 3
     cloud = export_capture(*capture, "ply", tmp_path, "A").read_bytes()
