@@ -5,17 +5,26 @@ import pytest
 import xarray as xr
 
 from lfflow.errors import LfflowError
+from lfflow.simulate import Layer, Scene, simulate_capture, simulate_white
+from lfflow.simulate.texture import natural_texture
+from lfflow.stages.calibrate import calibrate
+from lfflow.stages.demultiplex import demultiplex
 from lfflow.stages.depth import depth
+from lfflow.stages.disparity import disparity
 
 F, PITCH, LENS, GAP = 0.00684, 1.4e-6, 14e-6, 25e-6
 
 
-def capture(z: np.ndarray, focus: float, sigma: float = 0.01) -> xr.Dataset:
+def traced(z: np.ndarray, focus: float, optics: tuple[float, ...] = (F, PITCH, LENS, GAP)) -> np.ndarray:
     """Disparities by tracing two rays: a view step moves the pupil by δB/f, the lens plane lies at B."""
-    behind = 1 / (1 / F - 1 / focus)
-    image = 1 / (1 / F - 1 / z)
-    pupil = PITCH * behind / GAP
-    shift = pupil * (1 - behind / image) / LENS
+    focal, pitch, lens, gap = optics
+    behind = 1 / (1 / focal - 1 / focus)
+    image = 1 / (1 / focal - 1 / z)
+    return pitch * behind / gap * (1 - behind / image) / lens
+
+
+def capture(z: np.ndarray, focus: float, sigma: float = 0.01) -> xr.Dataset:
+    shift = traced(z, focus)
     coords = {"focal_length": F, "pixel_pitch": PITCH, "lens_pitch": LENS, "mla_offset_z": GAP}
     data = {"disparity": ("s", shift), "disparity_std": ("s", np.full(z.shape, sigma))}
     return xr.Dataset(data, coords)
@@ -67,3 +76,23 @@ def test_what_is_missing_is_named() -> None:
         depth(ds.assign_coords(lens_pitch=np.nan), focus_distance=0.8)
     with pytest.raises(LfflowError, match="contradict"):
         depth(ds, known=[(0.1, 1.0), (0.2, 2.0)])
+
+
+@pytest.mark.parametrize(("z", "seed"), [(0.35, 1), (0.62, 2), (1.7, 3)])
+def test_a_simulated_plane_lies_where_it_was_put_within_the_stated_deviation(z: float, seed: int) -> None:
+    """From the raw frame to metres: a textured plane at z, the camera focused at 0.8 m."""
+    size = {"height": 420, "width": 420}
+    white, _ = simulate_white(seed=seed, **size)
+    names = ("focal_length", "pixel_pitch", "lens_pitch", "mla_offset_z")
+    d = float(traced(np.array(z), 0.8, tuple(float(white[name]) for name in names)))
+    colours = np.array([(0.5, 0.4, 0.3), (0.2, 0.3, 0.4), (0.6, 0.6, 0.5)])
+    texture = natural_texture(np.random.default_rng(seed), 256, colours, roughness=1.0)
+    raw, _ = simulate_capture(scene=Scene([Layer(texture, d, angle=0.4)]), seed=seed, **size, views=[0])
+    found = depth(disparity(demultiplex(raw, calibrate(white))), focus_distance=0.8).isel(
+        t=slice(6, -6), s=slice(6, -6)
+    )
+    score = ((found["depth"] - z) / found["depth_std"]).values
+    assert np.isfinite(score).all()
+    assert (np.abs(score) < 1).mean() > 0.6
+    assert (np.abs(score) < 2).mean() > 0.95
+    assert np.sqrt((score**2).mean()) > 0.25  # what is stated is not too much either
