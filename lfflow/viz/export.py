@@ -68,14 +68,14 @@ def export_capture(
     if to not in WRITERS:
         raise LfflowError(f"no format {to!r}: there are {', '.join(WRITERS)}")
     out.mkdir(parents=True, exist_ok=True)
-    return WRITERS[to](lf, disp, out / name, options or Options())
+    here = [ds.compute(scheduler="synchronous") for ds in (lf, disp)]  # so that the views share what they are made of
+    return WRITERS[to](*here, out / name, options or Options())
 
 
 def _views(lf: xr.Dataset, disp: xr.Dataset, options: Options, offsets: Any = None) -> xr.Dataset:
     """The views at `offsets`; by default the square of those that have light."""
     square = range(-usable_reach(lf), usable_reach(lf) + 1)
-    views = reconstruct_views(lf, disp, scale=options.scale, views=offsets or {"v": square, "u": square})
-    return views.compute(scheduler="synchronous")
+    return reconstruct_views(lf, disp, scale=options.scale, views=offsets or {"v": square, "u": square})
 
 
 def _shown(views: xr.Dataset, options: Options) -> xr.Dataset:
