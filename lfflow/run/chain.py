@@ -144,12 +144,16 @@ def lattice_grid(calibration: xr.Dataset, height: int, width: int) -> Grid:
 
 def open_lfp(path: str) -> xr.Dataset:
     """Raw frame of a file, lazily; one whose checksums are wrong is refused."""
-    return xr.open_dataset(path, engine="lfp")
+    from lfflow.formats.opening import open_picture
+
+    return open_picture(path)
 
 
 def open_damaged_lfp(path: str) -> xr.Dataset:
     """Raw frame of a file, lazily, whatever its checksums say."""
-    return xr.open_dataset(path, engine="lfp", accept_damaged=True)
+    from lfflow.formats.opening import open_picture
+
+    return open_picture(path, accept_damaged=True)
 
 
 def _calibration(given: StageInput) -> xr.Dataset:
