@@ -23,6 +23,7 @@ from scipy.ndimage import map_coordinates
 import lfflow
 import lfflow.accessor
 from lfflow.formats.pfm import read_pfm
+from lfflow.kernels.demultiplex import round_to_pixel
 from lfflow.kernels.gather import Rule, Targets, gather
 from lfflow.kernels.guided import fill_colours
 from lfflow.kernels.synthesis import front_and_doubt, one_view, prepare
@@ -51,15 +52,31 @@ EDGE_DIRECTED = {
 TINTS = np.array([(0.45, 0.44, 0.42), (0.62, 0.58, 0.50), (0.18, 0.24, 0.34), (0.50, 0.26, 0.18), (0.12, 0.3, 0.1)])
 
 
+def demosaicked(raw, radiance):
+    """The whole frame (y, x, 3) demosaicked edge-directed."""
+    counts = np.clip(radiance * 30000, 0, 65535).astype(np.uint16)
+    return cv2.demosaicing(counts, EDGE_DIRECTED[str(raw["cfa_pattern"].values)]).astype(np.float32) / 30000
+
+
+def flat(raw, cal):
+    return normalise(raw).values / np.maximum(cal["vignetting"].values, 0.1)
+
+
 def raw_first(raw, cal, lf):
-    """The whole frame demosaicked edge-directed, then the central view read at the exact lens centres (cubic)."""
-    shading = np.maximum(cal["vignetting"].values, 0.1)
-    radiance = normalise(raw).values / shading
-    full = cv2.demosaicing(
-        np.clip(radiance * 30000, 0, 65535).astype(np.uint16), EDGE_DIRECTED[str(raw["cfa_pattern"].values)]
-    )
+    """The whole frame demosaicked, then the central view read at the exact lens centres (cubic)."""
     x, y = lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values)
-    return cv2.remap(full.astype(np.float32) / 30000, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC)
+    full = demosaicked(raw, flat(raw, cal))
+    return cv2.remap(full, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC)
+
+
+def raw_first_without(raw, cal, lf, hidden):
+    """Colours of the central view's own pixels; hidden ones are the mean of the four next of their colour at first."""
+    radiance = np.pad(flat(raw, cal), 2, mode="reflect")
+    places = lattice_of(lf).centres(lf["t"].values[:, None], lf["s"].values)
+    x, y = (np.clip(round_to_pixel(place), 0, raw.sizes[dim] - 1) for place, dim in zip(places, "xy", strict=True))
+    i, j = y[hidden] + 2, x[hidden] + 2
+    radiance[i, j] = (radiance[i - 2, j] + radiance[i + 2, j] + radiance[i, j - 2] + radiance[i, j + 2]) / 4
+    return demosaicked(raw, radiance[2:-2, 2:-2])[y, x]
 
 
 def per_view(lf, u=0, v=0, rounds=4):
@@ -132,7 +149,7 @@ def simulated(seed, size, rays, picture_file=None):
         "view (-3, 4), surfaces shared": reconstruct_views(lf, disp, views=outer, shared=True)["rgb"].values[0, 0],
     }
     report("  an outer view", rows, truth["rgb"].sel(rgb_v=-3, rgb_u=4).values)
-    return lf, disp
+    return raw, cal, lf, disp
 
 
 def shrunk(folder, times=0):
@@ -246,7 +263,7 @@ def metres(seed, size=1240, focus=0.8):
     )
 
 
-def leave_out(lf, disp, share=0.1, seed=0):
+def leave_out(raw, cal, lf, disp, share=0.1, seed=0):
     """PSNR per colour of samples of the central view that were hidden, read where they were taken (with ρ)."""
     rng = np.random.default_rng(seed)
     own = lf.sel(u=0, v=0)
@@ -256,7 +273,9 @@ def leave_out(lf, disp, share=0.1, seed=0):
     at = np.flatnonzero(lf["v"].values == 0)[0], np.flatnonzero(lf["u"].values == 0)[0]
     field["cfa"].values[at][hidden] = 255
     mosaic, colour = own["mosaic"].values, own["cfa"].values
-    for name, picture in (("per view, edge-directed", per_view(field)), ("lfflow", predicted(field, disp))):
+    rows = {"raw first, edge-directed": raw_first_without(raw, cal, lf, hidden)}
+    rows |= {"per view, edge-directed": per_view(field), "lfflow": predicted(field, disp)}
+    for name, picture in rows.items():
         errors = [picture[..., c][hidden & (colour == c)] - mosaic[hidden & (colour == c)] for c in range(3)]
         red, green, blue = (-10 * np.log10(np.nanmean(e**2)) for e in errors)
         print(f"  10 % left out, {name:24} R {red:.2f}  G {green:.2f}  B {blue:.2f} dB")
@@ -296,8 +315,8 @@ def main() -> None:
     given = parser.parse_args()
     for seed in given.seeds:
         for rays_of_a_pixel in (6, 24):
-            lf, disp = simulated(seed, 1240, rays_of_a_pixel, given.picture)
-        leave_out(lf, disp)
+            found = simulated(seed, 1240, rays_of_a_pixel, given.picture)
+        leave_out(*found)
     for number, disparity in enumerate((0.31, -0.23)):
         super_resolution(disparity, 20 + number)
         refocused(disparity, 20 + number)
@@ -307,10 +326,11 @@ def main() -> None:
         through_the_mosaic(given.views, times)
     for path in given.captures:
         raw = xr.open_dataset(path, engine="lfp")
-        lf = lfflow.demultiplex(raw, lfflow.calibrate(raw)).compute()
+        cal = lfflow.calibrate(raw)
+        lf = lfflow.demultiplex(raw, cal).compute()
         disp = lfflow.transpose_disparity(lfflow.disparity(lf), lf).compute()
         print(path)
-        leave_out(lf, disp)
+        leave_out(raw, cal, lf, disp)
         timed(lf, disp)
 
 
