@@ -31,9 +31,9 @@ fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-test-faults: $(STAMP) ## kills, crashes, full disks and an S3 server, in their long form (moto is installed here)
+test-faults: $(STAMP) ## every fault of tests/run/README.md in its long form: two hours (moto is installed here)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'moto[server]>=5'
-	$(BIN)/pytest -m 'heavy or not heavy' tests/run
+	$(BIN)/pytest -s -v -m 'heavy or not heavy' tests/run tests/collection
 
 test-heavy: $(STAMP) ## the tests that take minutes
 	$(BIN)/pytest -m heavy

@@ -1,21 +1,26 @@
 """What a batch costs beside the stages themselves: memory against its estimate, growth with the number of captures.
 
-    python benchmarks/collection.py [memory|growth] [--full] [--json]
+    python benchmarks/collection.py [memory|growth|ledger] [--full]
 
 `memory`: peak of the tasks of one white image and one scene, by sensor size, against what `lfflow plan` says of them;
 `--full` adds a whole F01 capture, and one whose disparities are searched over the widest range. `growth`: 40 and 400
 captures of trivial stages on two worker processes: peak memory of a worker and of the client, tasks in flight, bytes
-sent per task, CPU seconds per capture.
+sent per task, CPU seconds per capture. `ledger`: records read one by one and many at once, on the disk and, where
+moto[server] is installed, from an S3 server whose every answer takes 20 ms more.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
+import contextlib
 import ctypes
 import gc
+import importlib.util
 import json
 import os
 import resource
+import socket
 import subprocess
 import sys
 import tempfile
@@ -25,6 +30,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 MIB = 1 << 20
+LATENCY = 0.02
 SMALL = ((400, 400), (900, 900))
 FAKE = Path(__file__).parents[1] / "tests" / "run"
 WIDE = {"disparity": {"hypotheses": [step / 8 for step in range(-32, 33)]}}
@@ -136,6 +142,71 @@ def growth(*counts: int) -> list[dict[str, Any]]:
     return found
 
 
+def ledger(url: str, records: int) -> list[tuple[str, float, float]]:
+    """Seconds and CPU seconds to read the records of one stage, one by one and many at once."""
+    from lfflow.collection.records import DONE, Ledger, Record
+    from lfflow.collection.storage import open_storage
+
+    known = Ledger(open_storage(url))
+    files = {f"disparity.zarr/F01/{name}/c/0/0/0/0/0": "0" * 64 for name in ("disparity", "disparity_std", "flags")}
+    names = [f"IMG_{number:05d}" for number in range(records)]
+    for name in names:
+        known.write(Record("disparity", name, DONE, "1" * 64, {"path": name, "sha256": "2" * 64}, "F01", 0, files))
+    found = []
+    for way, read in (
+        ("one by one", lambda: {name: known.find("disparity", name) for name in known.captures("disparity")}),
+        ("many at once", lambda: known.records("disparity")),
+    ):
+        started, cpu = time.perf_counter(), time.process_time()
+        assert list(read()) == names
+        found.append((way, time.perf_counter() - started, time.process_time() - cpu))
+    return found
+
+
+@contextlib.contextmanager
+def slow_s3(bucket: str) -> Iterator[str]:
+    """URL on an S3 server of this machine, in a process of its own, that answers as late as a distant one."""
+    import s3fs
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    os.environ |= {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}", "AWS_ACCESS_KEY_ID": "somebody",
+                   "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}  # fmt: skip
+    original = s3fs.S3FileSystem._call_s3  # noqa: SLF001
+
+    async def late(self: Any, *given: Any, **named: Any) -> Any:
+        await asyncio.sleep(LATENCY)
+        return await original(self, *given, **named)
+
+    s3fs.S3FileSystem._call_s3 = late  # type: ignore[method-assign]  # noqa: SLF001
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:  # noqa: S603
+        try:
+            while True:
+                with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+                    break
+                time.sleep(0.1)
+            s3fs.S3FileSystem().mkdir(bucket)
+            yield f"s3://{bucket}/col"
+        finally:
+            server.terminate()
+
+
+def _print_ledger() -> None:
+    print("records        where   way                 s    CPU s   ms a record")
+
+    def rows(where: str, url: str, records: int) -> None:
+        for way, seconds, cpu in ledger(url, records):
+            print(f"{records:7}{where:>13}   {way:14}{seconds:7.2f}{cpu:9.2f}{1e3 * seconds / records:14.2f}")
+
+    with tempfile.TemporaryDirectory() as folder:
+        rows("disk", folder, 3000)
+    if importlib.util.find_spec("moto") and importlib.util.find_spec("s3fs"):
+        with slow_s3("lab") as url:
+            rows("S3 + 20 ms", url, 300)
+
+
 def _in_a_process(*arguments: str) -> Any:
     command = [sys.executable, __file__, *arguments]
     done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)  # noqa: S603 - this very program
@@ -165,7 +236,7 @@ def _print_growth() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", nargs="?", choices=["memory", "growth", "peaks", "count"])
+    parser.add_argument("part", nargs="?", choices=["memory", "growth", "ledger", "peaks", "count"])
     parser.add_argument("given", nargs="*", help=argparse.SUPPRESS)
     parser.add_argument("--full", action="store_true")
     given = parser.parse_args()
@@ -174,10 +245,9 @@ def main() -> None:
     elif given.part == "count":
         print(json.dumps(count(given.given[0], int(given.given[1]))))
     else:
-        if given.part != "growth":
-            _print_memory(given.full)
-        if given.part != "memory":
-            _print_growth()
+        parts = {"memory": lambda: _print_memory(given.full), "growth": _print_growth, "ledger": _print_ledger}
+        for name in [given.part] if given.part else parts:
+            parts[name]()
 
 
 if __name__ == "__main__":

@@ -38,6 +38,8 @@ SETTINGS = {
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
+    # A worker keeps its call stacks of the last hour: tens of megabytes that no task asked for.
+    "distributed.worker.profile.enabled": False,
     "distributed.worker.daemon": True,
     "distributed.admin.log-format": "%(name)s - %(levelname)s - %(message)s",
 }

@@ -7,6 +7,7 @@ from fake_chain import FAKE, write_capture
 from fake_stores import store_content
 
 from lfflow.collection import open_collection
+from lfflow.collection.validate import validate
 from lfflow.errors import CollectionError, SchemaError
 from lfflow.run import Options, make_plan, run_collection
 from lfflow.run.executors import Workers
@@ -23,6 +24,21 @@ def test_a_run_finishes_every_stage_of_every_capture(tmp_path, captures, calls):
     assert sorted(calls.read_text().split("\n"))[1:] == sorted(
         ["calibration WHITE_1", *(f"{s} IMG_{n}" for s in ("lightfield", "disparity") for n in range(3))]
     )
+
+
+def test_a_collection_at_a_url_is_that_on_a_disk(tmp_path, captures):
+    url = f"memory://{tmp_path.name}"
+    assert run(url, captures).counts == {"done": 7}
+    run(tmp_path / "col", captures)
+    remote, local = open_collection(url), open_collection(tmp_path / "col")
+    assert remote.open("disparity").load().identical(local.open("disparity").load())
+    assert validate(remote) == []
+    victim = next(name for name in remote.storage.files_below("disparity.zarr") if "/disparity/c/1/" in name)
+    remote.storage.remove(victim)
+    with pytest.raises(CollectionError, match="is lost"):
+        remote.open("disparity")["disparity"].load()
+    assert [finding.capture for finding in validate(remote)] == ["IMG_1"]
+    assert run(url, captures).counts == {"done": 1, "kept": 6}
 
 
 def test_a_second_run_does_nothing(tmp_path, captures, calls):

@@ -34,12 +34,14 @@ def _importable_by_workers(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", HERE)
 
 
-def test_threads_processes_and_a_cluster_give_the_bits_of_one_thread(tmp_path, captures):
+def test_threads_processes_and_a_cluster_give_the_bits_of_one_thread(tmp_path, captures, caplog):
     run(tmp_path / "one", captures, workers=Workers("threads", 1))
     expected = store_content(tmp_path / "one")
     run(tmp_path / "many", captures, workers=Workers("threads", 5))
     assert store_content(tmp_path / "many") == expected
-    assert run(tmp_path / "two", captures, workers=Workers("processes", 2)).counts == {"done": 7}
+    with caplog.at_level("INFO", "lfflow.run"):
+        assert run(tmp_path / "two", captures, workers=Workers("processes", 2)).counts == {"done": 7}
+    assert "dashboard: http://127.0.0.1:" in caplog.text
     assert store_content(tmp_path / "two") == expected
     with LocalCluster(n_workers=1, threads_per_worker=3, host="127.0.0.1", dashboard_address=None) as cluster:
         workers = Workers("cluster", address=cluster.scheduler_address)
