@@ -112,8 +112,8 @@ class Rule(NamedTuple):
     radius: float = 0.9
     detail: float = 0.5
     tolerance: float = 0.06
-    strictness: float = 16.0
-    lift: float = 1.2
+    strictness: float = 40.0
+    lift: float = 1.25
     stiffness: float = 0.02
     likeness: float = 0.05
 

@@ -24,6 +24,8 @@ _LEAST = _F(0.5)
 _REACH = _F(0.6)
 """Lens pitches at which a view's own sample says nothing about a place any more."""
 _DARK = _F(0.02)
+_KEEP = _F(16.0)
+"""Inverse of the product of doubt² and baseline² (in lens pitches) at which a view's own sample counts half."""
 _LITTLE = _F(0.03)
 """Share of its own sample below which a view's place does without."""
 
@@ -106,7 +108,7 @@ def read_surface(
         if colour > 2 or near <= 0:
             continue
         u, v = u + samples.residual[0, row, column], v + samples.residual[1, row, column]
-        keep = _F(rule.strictness) * targets.doubt[n] ** 2 * (u * u + v * v) * samples.weight[view, row, column] * near
+        keep = _KEEP * targets.doubt[n] ** 2 * (u * u + v * v) * samples.weight[view, row, column] * near
         keep /= _F(1) + keep
         gx, gy = (x + to_x + d * u) * per_step, (y + to_y + d * v) * per_step
         if keep < _LITTLE or not _blend(planes, disparity, gx, gy, d, tolerance, there):
