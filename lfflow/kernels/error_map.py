@@ -21,10 +21,12 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.003
-"""What stays without noise: interpolation between lenses and the slope of surfaces inside a block (simulated F01)."""
-NOISE_FACTOR = 1.6
-"""Measured over predicted error: neighbours share the completed picture, so their residuals are not independent."""
+MODEL_ERROR = 0.0025
+"""What stays without noise: interpolation between lenses (simulated F01)."""
+NOISE_FACTOR = 0.7
+"""Measured over predicted error of the evidence within `AROUND`: the surface collects it from farther away."""
+APART_SHARE = 0.3
+"""Share, in the variance, of the scatter of the evidence about the surface."""
 STEP_SHARE = 0.12
 """Error per difference of the disparities within two lenses."""
 STEP = 0.08
@@ -60,8 +62,9 @@ def error_map(
 
     The std joins the variance that the evidence around a place leaves, how far that evidence lies from the disparity,
     a floor for what noise does not explain, and the step of the disparity nearby: there the block and the completed
-    picture mix two surfaces, so the place is flagged occluded where the step is large. It is calibrated on simulated
-    F01 captures. What is `filled` where there is no texture is flagged so.
+    picture mix two surfaces, so the place is flagged occluded where the step is large. Without texture it is what the
+    place knows by itself: what fills it may be another surface's. It is calibrated on simulated F01 captures. What is
+    `filled` where there is no texture is flagged so.
     """
     known = np.isfinite(disparity)
     step = half_range(disparity)
@@ -71,9 +74,11 @@ def error_map(
     apart = block_sum(told.information * off, field.offset, *weights) / np.maximum(around, 1e-9)
     lenses = 4 * np.pi * AROUND**2 * 2 / np.sqrt(3)
     variance = 1 / (lenses * around + LEAST_KNOWN**-2)
-    std = np.sqrt(MODEL_ERROR**2 + NOISE_FACTOR**2 * variance + apart + (STEP_SHARE * step) ** 2)
+    std = np.sqrt(MODEL_ERROR**2 + NOISE_FACTOR**2 * variance + APART_SHARE * apart + (STEP_SHARE * step) ** 2)
+    plain = told.own > TEXTURELESS
+    std[plain] = np.maximum(std, np.minimum(told.own, LEAST_KNOWN))[plain]
     flags = np.where(known, 0, NO_DATA).astype(np.uint8)
-    flags[known & (told.own > TEXTURELESS)] |= LOW_TEXTURE | (FILLED if filled else 0)
+    flags[known & plain] |= LOW_TEXTURE | (FILLED if filled else 0)
     flags[known & (step > STEP)] |= OCCLUDED
     flags[saturated] |= SATURATED
     return np.where(known, std, np.nan).astype(np.float32), flags

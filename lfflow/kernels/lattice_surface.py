@@ -26,10 +26,11 @@ def lattice_surface(
     guide: FloatArray,
     offset: FloatArray,
     *,
+    doubt: FloatArray,
     edge: float,
     stiffness: float = 2e4,
     jump: float = 0.03,
-    iterations: int = 30,
+    iterations: int = 60,
 ) -> FloatArray:
     """Disparity (t, s) of the surface; NaN where `start` is.
 
@@ -43,6 +44,8 @@ def lattice_surface(
         (t, s, channel) picture of the same view.
     offset
         (t,) X of lens s=0 of each row, lens pitches.
+    doubt
+        (t, s) by how much more it may bend without breaking: what has no texture knows of no step.
     edge
         Mean change of the picture, over the channels, that loosens the surface to half.
     stiffness
@@ -59,8 +62,9 @@ def lattice_surface(
     held = np.where(known, information, 0).astype(np.float32)
     pull = held * np.where(known, target, 0).astype(np.float32) + _ANCHOR * first
     place = np.ascontiguousarray(offset, dtype=np.float32)
-    bonds = _bonds(first, np.ascontiguousarray(guide, dtype=np.float32), place, np.float32(stiffness),
-                   np.float32(jump), np.float32(edge))  # fmt: skip
+    bends = (np.float32(jump**2) + np.asarray(doubt, dtype=np.float32) ** 2).astype(np.float32)
+    bonds = _bonds(first, np.ascontiguousarray(guide, dtype=np.float32), place, np.float32(stiffness), bends,
+                   np.float32(edge))  # fmt: skip
     _solve(first, held + _ANCHOR, pull, bonds, place, iterations)
     return np.where(known, first, np.float32(np.nan))
 
@@ -77,7 +81,7 @@ def _sides(axis, t, offset):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def _bonds(d, guide, offset, stiffness, jump, edge):  # type: ignore[no-untyped-def]
+def _bonds(d, guide, offset, stiffness, bends, edge):  # type: ignore[no-untyped-def]
     rows, columns, channels = guide.shape
     axes = 3 if offset.max() > offset.min() else 2
     out = np.zeros((axes, rows, columns), dtype=np.float32)
@@ -91,7 +95,7 @@ def _bonds(d, guide, offset, stiffness, jump, edge):  # type: ignore[no-untyped-
                     here = guide[t, s, c]
                     change += max(abs(guide[t + t0, s + s0, c] - here), abs(guide[t + t1, s + s1, c] - here))
                 change /= channels * edge
-                robust = np.float32(1) + (bend / jump) ** 2
+                robust = np.float32(1) + bend * bend / bends[t, s]
                 out[axis, t, s] = stiffness / (robust * robust) / (np.float32(1) + change * change)
     return out
 

@@ -19,7 +19,7 @@ from lfflow.conventions import CFA_NONE
 from lfflow.kernels.aggregate import regularise
 from lfflow.kernels.completion import complete_centre
 from lfflow.kernels.edge_place import place_edges
-from lfflow.kernels.error_map import error_map, half_range
+from lfflow.kernels.error_map import TEXTURELESS, error_map, half_range
 from lfflow.kernels.fusion import Fusion, fuse_costs
 from lfflow.kernels.lattice_surface import lattice_surface
 from lfflow.kernels.levelling import levelled, without_strangers
@@ -36,13 +36,13 @@ Pair = tuple[int, int]
 
 FIRST_RANGE = 1.0
 WIDEST_RANGE = 4.0
-SECOND_STEP = 0.0625
+SECOND_STEP = 0.08
 LONGEST = 4
 PRESSED = 0.04
 """Share of the clear places that may lie at the border before the range is doubled."""
 INNER, OUTER, RIM = 0.58, 0.73, 1.09
 """Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
-FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.0, 6.0)
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.3, 6.0)
 """Price of a change by one step and of a jump, in units of the cost of what fits."""
 EDGE, LEAST_EDGE = 2.0, 0.02
 """Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
@@ -58,6 +58,8 @@ SECOND_BLOCK = 1.0
 """Gaussian of the second pass, lens pitches."""
 BAND, BAND_REACH = 0.25, 4
 """The second pass looks so much, and so many lenses, around the first disparity."""
+MOST_DOUBT = 0.1
+"""The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
 ROUNDS = 2
 """Steps of the refinement below the hypotheses."""
 READ_LEVEL = 0.005
@@ -109,9 +111,9 @@ def _refined(
             found = told.disparity
             continue
         guide = np.moveaxis(picture, 0, -1)
-        found = lattice_surface(
-            told.disparity, told.information, found, guide, field.offset, edge=max(EDGE * noise, LEAST_EDGE)
-        )
+        doubt = np.minimum(told.own, MOST_DOUBT)
+        trust = told.information / (1 + (doubt / TEXTURELESS) ** 2)
+        found = lattice_surface(told.disparity, trust, found, guide, field.offset, doubt=doubt, edge=_edge(noise))
     return found, told, picture
 
 

@@ -125,22 +125,3 @@ def _neighbour(t, s, way, offset):  # type: ignore[no-untyped-def]
         return row, s
     right = way % 2
     return row, s + right - (1 if offset[t] == 0 else 0)
-
-
-def consistency(disparity: FloatArray, offset: FloatArray, row_pitch: float, view: tuple[int, int],
-                transposed: FloatArray) -> FloatArray:  # fmt: skip
-    """|d − d'| (t, s): the map (t, s) against what is read back from its transposition to `view` = (u, v).
-
-    NaN where the way out or back leaves the field. Large where the point is hidden in that view.
-    """
-    rows, columns = disparity.shape
-    t, s = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    known = np.isfinite(disparity)
-    d = np.where(known, disparity, 0)
-    row = np.floor(t - d * view[1] / row_pitch + 0.5).astype(np.int64)
-    inside = known & (row >= 0) & (row < rows)
-    row = np.clip(row, 0, rows - 1)
-    column = np.floor(s + offset[:, None] - d * view[0] - offset[row] + 0.5).astype(np.int64)
-    inside &= (column >= 0) & (column < columns)
-    back = transposed[row, np.clip(column, 0, columns - 1)]
-    return np.where(inside, np.abs(disparity - back), np.nan).astype(np.float32)

@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 import lfflow
-from lfflow.kernels.transpose import consistency
 from lfflow.schema import DISPARITY
 from tests.conftest import raise_if_dask_computes
 from tests.mosaic_fields import lightfield, plane
@@ -59,12 +58,3 @@ def test_lazy(scene):
     with raise_if_dask_computes():
         lazy = lfflow.transpose_disparity(disp.chunk({"t": 7}), lf)
     xr.testing.assert_identical(lazy.compute(), lfflow.transpose_disparity(disp, lf))
-
-
-def test_the_way_there_and_back_tells_hidden_points(scene):
-    disp, lf = scene
-    there = lfflow.transpose_disparity(disp, lf).disparity.sel(u=4, v=0).to_numpy()
-    off = consistency(disp.disparity.to_numpy(), 0.5 * (np.arange(40) % 2), 0.8662, (4, 0), there)
-    # The square moves 2 to the left, the background 1 to the right: 3 lenses left of the square are hidden.
-    assert (off[14:26, 15:17] > 0.5).all()
-    assert (off[:, 22:30] < 1e-6).all()
