@@ -15,12 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from lfflow.cameras import ILLUM
+from lfflow.errors import LatticeNotFoundError
 from lfflow.kernels.centres import flatten_scene, lens_centres, measure_centres
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit, jacobian, lens_indices, moved
 from lfflow.kernels.likelihood import refine
 from lfflow.kernels.spectrum import start
-from lfflow.lattice import Lattice
+from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.simulate.optics import Optics, frame_of
 from lfflow.simulate.rays import illuminate
 from lfflow.simulate.sensor import Sensor
@@ -51,9 +52,9 @@ def white_image(lattice: Lattice, size: int, seed: int, cat_eye: float = 0.0) ->
     return Sensor().digitise(light_of(lattice, (size, size), cat_eye), np.random.default_rng(seed))
 
 
-def fast_path(raw: np.ndarray, *, scene: bool = False) -> tuple[np.ndarray, Fit]:
+def fast_path(raw: np.ndarray, *, black: float = 168.0, scene: bool = False) -> tuple[np.ndarray, Fit]:
     """Equalised image, and the lattice of the subimages' peaks."""
-    image, _ = equalise(raw, np.full((2, 2), 168.0))
+    image, _ = equalise(raw, np.full((2, 2), black))
     guess = start(image)
     flat = flatten_scene(image, guess.dh) if scene else image
     return image, fit(measure_centres(flat, guess), guess, raw.shape)
@@ -118,6 +119,44 @@ def self_calibration(size: int, seed: int) -> tuple[float, float, float]:
     return found.lattice.distance_to(F01, size, size), float(stated), end - begin
 
 
+def random_white(rng: np.random.Generator) -> tuple[Lattice, np.ndarray]:
+    """White image of a random lattice with a signal to noise ratio of 10 or more at the peaks of the subimages."""
+    pitch = float(np.exp(rng.uniform(np.log(6), np.log(60))))
+    size = int(np.clip(14 * pitch, 360, 840)) // 2 * 2
+    turn = np.radians(rng.uniform(-3, 3))
+    place = rng.uniform(0, size, 2)
+    lattice = Lattice(pitch, pitch * rng.uniform(0.995, 1.005), float(turn), *place, str(rng.choice(ARRANGEMENTS)))
+    optics = Optics(rng.uniform(0.7, 1), 0.08 * pitch, rng.uniform(0, 0.4), rng.uniform(0, 0.6))
+    light = np.empty((size, size), np.float32)
+    illuminate(light, 0, frame_of(lattice, size, size), optics.profile(lattice, size, size))
+    colours = np.tile(rng.uniform(0.3, 1, (2, 2)), (size // 2, size // 2))
+    noise = 0.1 * colours * rng.uniform(0.1, 1) * rng.standard_normal((size, size))
+    return lattice, np.rint(2000 * (light * colours + noise) + 400).clip(0, 4095).astype(np.uint16)
+
+
+def starts(count: int, seed: int) -> None:
+    """Find `count` random lattices without any prior knowledge; print those that are missed."""
+    missed, errors, seconds = 0, [], time.process_time()
+    for draw in range(count):
+        truth, raw = random_white(np.random.default_rng([seed, draw]))
+        try:
+            image, peaks = fast_path(raw, black=400.0)
+            found, _ = refine(image, peaks)
+            error = found.lattice.distance_to(truth, *raw.shape) / truth.dh
+        except LatticeNotFoundError as reason:
+            found, error = None, np.inf
+            print(f"draw {draw}: {reason}", flush=True)
+        errors.append(error)
+        if found is None or found.lattice.arrangement != truth.arrangement or error > 0.02:
+            missed += 1
+            print(f"draw {draw}: {truth} missed by {error:.3f} pitches", flush=True)
+    half, most = np.quantile(errors, [0.5, 0.95])
+    print(
+        f"{count} random lattices, seed {seed}: {missed} missed; error {half:.1e} pitches for half of them, {most:.1e} "
+        f"for 95 %; {(time.process_time() - seconds) / count:.2f} CPU s each"
+    )
+
+
 def main(size: int, seeds: int) -> None:
     measure(F01, 0.6, (400, 400), 0)
     print(f"{size}×{size}, mean of {seeds} seeds; χ² has 5 degrees of freedom")
@@ -151,5 +190,7 @@ def whole_illum() -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["illum"]:
         whole_illum()
+    elif sys.argv[1:2] == ["starts"]:
+        starts(int(sys.argv[2]) if len(sys.argv) > 2 else 200, int(sys.argv[3]) if len(sys.argv) > 3 else 0)
     else:
         main(int(sys.argv[1]) if len(sys.argv) > 1 else 3280, int(sys.argv[2]) if len(sys.argv) > 2 else 3)

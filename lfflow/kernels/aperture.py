@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from lfflow.kernels.lens_scores import Cell, Flags, FloatArray, FloatImage, in_cell
+from lfflow.kernels.lens_light import Cell, Flags, FloatArray, FloatImage, in_cell
 from lfflow.kernels.radial import FINE, Radial
 
 ZONES = 5
@@ -26,6 +26,8 @@ CELLS = 12
 """Bins of a zone's mean subimage per lens pitch."""
 KNOT = 0.4
 """Distance of the knots of a profile in widths (standard deviations) of its edge."""
+NARROWEST = 0.15
+"""Knots are at least so many pixels apart: a pixel's own area blurs every edge."""
 RINGS = 40
 """Rings per lens pitch within which the misfit of the edges' shape is averaged."""
 SIGNIFICANT = 6.0
@@ -33,7 +35,11 @@ SIGNIFICANT = 6.0
 RESOLVED = 0.7
 """and it must move by so many widths (standard deviations) of the edge from the middle of the sensor to its border:
 below, either disc may be the aperture;"""
-SUSPECT = 1.0
+FADED = 0.5
+"""Subimages whose light seems to fall to less towards their edge are not one disc: a second one smears them."""
+LARGEST_START = 0.25
+"""Largest motion of the second disc to start from, lens pitches from the middle of the sensor to its border."""
+SUSPECT = 2.0
 """so many before the lattice is said to be less certain for one that may be there."""
 TWIN = 3.0
 """The discs in exchanged roles explain the picture about as well: up to so many times the sum of squares."""
@@ -80,6 +86,10 @@ class Aperture:
     hidden
         By how much the subimages' centres may be off at the end of the longer half axis of the sensor if a second disc
         as large as the first is there, pixels; 0 where nothing speaks for one.
+    droop
+        f without its edge is 1 + droop·r², r in pixels.
+    common
+        Share of the edges' blur that both have in common (`lfflow.kernels.lens_light`).
     """
 
     f: Radial
@@ -89,6 +99,8 @@ class Aperture:
     middle: FloatArray
     sharp: bool
     hidden: float
+    droop: float = 0.0
+    common: float = 0.5
 
     @property
     def order(self) -> float:
@@ -150,7 +162,7 @@ def zone_means(image: FloatImage, flags: Flags, centres: FloatArray, cell: Cell,
     centres
         Lens centres (n, 2).
     cell
-        `lfflow.kernels.lens_scores.cell_of`.
+        `lfflow.kernels.lens_light.cell_of`.
     """
     pitch = max(cell[2], cell[3])
     step, half = pitch / CELLS, int(0.6 * CELLS) + 1
@@ -277,7 +289,8 @@ def _edge(inside: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
 def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray) -> list[tuple[Aperture, FloatArray]]:
     """Aperture of a picture, and how the five lattice parameters must change.
 
-    Two of them where either disc may be the aperture: `Aperture.order` tells once their profiles are measured.
+    The last has one disc. Before it come those with two, if there is a second one: both where either disc may be the
+    aperture, for `Aperture.order` tells once their profiles are measured.
 
     Parameters
     ----------
@@ -311,12 +324,16 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
         problem = replace(problem, tilted=True)
         single = _solve(problem, single)
         narrower, deviation = problem.narrowing(single)
+        smeared = bool(1 + single[2] * single[0] ** 2 < FADED)
+        if smeared:
+            narrower = max(narrower, LARGEST_START**2)
         if narrower > max(SIGNIFICANT * deviation, (0.5 * RESOLVED * single[1]) ** 2):
+            first = np.array([0.46, 0.06, -0.2, *np.zeros(5)]) if smeared else single
             sides = [
-                _solve(problem, np.concatenate([single, [side, 0, 0, single[0] * 1.1]])) for side in _starts(narrower)
+                _solve(problem, np.concatenate([first, [side, 0, 0, first[0] * 1.1]])) for side in _starts(narrower)
             ]
             clipping = [p for p in sorted(sides, key=problem.odd) if _clips(p)]
-            found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] or [single]
+            found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] + found
         if narrower > SUSPECT * deviation:
             hidden = pitch * float(np.sqrt(narrower + deviation))
     return [(_aperture(p, pitch, middle, sharp=sharp, hidden=hidden), np.asarray(p[3:8] / scale)) for p in found]
@@ -324,7 +341,7 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
 
 def _starts(narrower: float) -> tuple[float, float]:
     """Motions of the second disc to start from: of two discs alike, each moves by √`narrower` against their middle."""
-    motion = min(max(2 * np.sqrt(narrower), 0.01), 0.25)
+    motion = min(max(2 * np.sqrt(narrower), 0.01), LARGEST_START)
     return -motion, motion
 
 
@@ -339,10 +356,10 @@ def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
 
 
 def _aperture(p: FloatArray, pitch: float, middle: FloatArray, *, sharp: bool, hidden: float) -> Aperture:
-    knot = KNOT * abs(p[1]) * pitch
+    knot, droop = max(KNOT * abs(p[1]) * pitch, NARROWEST), float(p[2]) / pitch**2
     f = Radial.like(lambda r: (1 + p[2] * (r / pitch) ** 2) * ndtr((p[0] - r / pitch) / p[1]), 0, 0.585 * pitch, knot)
     if len(p) == 8:
-        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp, hidden)
+        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp, hidden, droop)
     low, high = ((p[11] + side * abs(p[1])) * pitch for side in (-4, 4))
     h = Radial.like(lambda r: ndtr((p[11] - r / pitch) / p[1]), low, high, knot)
-    return Aperture(f, h, np.eye(2) * p[8] * pitch / middle.max(), p[9:11] * pitch, middle, sharp, hidden)
+    return Aperture(f, h, np.eye(2) * p[8] * pitch / middle.max(), p[9:11] * pitch, middle, sharp, hidden, droop)

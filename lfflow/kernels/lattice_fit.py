@@ -158,15 +158,15 @@ def fit(centres: FloatArray, start: Lattice, shape: tuple[int, int], grid: tuple
 
 
 def block_covariance(
-    inverse: FloatArray, scores: FloatArray, centres: FloatArray, shape: tuple[int, int]
+    inverse: FloatArray, scores: FloatArray, centres: FloatArray, shape: tuple[int, int], blocks: int = BLOCKS
 ) -> FloatArray:
     """Covariance of a solution by the scatter of the scores (n, p) of the lenses, those of a block summed first.
 
     What neighbours have in common, such as a scene's edge, counts once a block and not once a lens.
     """
-    column, row = (np.clip(centres[:, axis] * BLOCKS // shape[1 - axis], 0, BLOCKS - 1) for axis in (0, 1))
-    block = (row * BLOCKS + column).astype(np.int64)
-    sums = np.stack([np.bincount(block, score, BLOCKS**2) for score in scores.T])
+    column, row = (np.clip(centres[:, axis] * blocks // shape[1 - axis], 0, blocks - 1) for axis in (0, 1))
+    block = (row * blocks + column).astype(np.int64)
+    sums = np.stack([np.bincount(block, score, blocks**2) for score in scores.T])
     return np.asarray(inverse @ (sums @ sums.T) @ inverse, dtype=np.float64)
 
 

@@ -18,33 +18,28 @@ from lfflow.errors import LatticeNotFoundError
 from lfflow.kernels.aperture import Aperture, two_discs, zone_means
 from lfflow.kernels.centres import lens_centres
 from lfflow.kernels.lattice_fit import Fit, jacobian, lens_indices, moved
-from lfflow.kernels.lens_scores import (
-    DENSE,
-    LEVELS,
-    Flags,
-    FloatArray,
-    FloatImage,
-    Look,
-    Sums,
-    cell_of,
-    gather_normals,
-    lens_normals,
-)
+from lfflow.kernels.lens_light import MOST_COMMON, Flags, FloatArray, FloatImage, Look, cell_of
+from lfflow.kernels.lens_scores import DENSE, LEVELS, PLAIN, Sums, lens_normals
+from lfflow.kernels.shared_normals import gather_normals
 from lfflow.lattice import Lattice
 
 SPARSE = 12
-"""The rounds before the last read one lens of so many (fewer where there are less than 40 000)."""
-CLIPPED_SPARSE = 3
-"""With a second disc the edges' profiles are part of the problem, and the last round reads one lens of so many."""
+"""The rounds before the last read one lens of so many (more of them where there are less than 40 000)."""
+FEW, MANY = 5000, 20000
+"""Lenses that are read, with a second disc, in each round and in the last: the edges' profiles are looked for too."""
+MOST_ROUNDS = 12
+SETTLED, WANDERED = 1e-3, 1e-2
+"""Those rounds end when the lattice, and the second disc at the border of the sensor, move by less, pixels."""
 RIM = 0.7
 """Half the diagonal of a pixel: so far from the border of a cell no pixel gathers light of the next lens."""
 NARROW_RIM = 0.07
 """The rim is never more than this share of the lens pitch."""
 BLOCKS = 24
 """Blocks along each side of the sensor whose scores count as independent."""
-
-RINGS = 6
-"""Rings about the middle of the sensor in which an error of the model of two edges is the same."""
+KNOWN_BEFORE = 0.1
+"""Before a round, each coefficient of a profile is known to so much: where hardly a pixel tells it stays."""
+MODEL_ERROR = 3e-3
+"""The model of two edges holds to this share of the distance by which the second disc moves over the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,28 +100,56 @@ def refine(
     states = find_aperture(image if scene is None else scene, flags, first)
     if scene is not None and not states[0].aperture.sharp:
         return first, replace(states[0], lattice=first.lattice)
-    clipped = states[0].aperture.h is not None
-    thin = max(1, round(SPARSE * min(1.0, first.count / 40000)))
-    rounds = [(thin, True)] * (3 if clipped else 2 if precise or scene is not None else 0) or [(thin, False)]
-    tried = [_improved(image, flags, state, rounds, first, scene=scene is not None) for state in states]
-    state = max(tried, key=lambda one: one.aperture.order)
-    if precise:
-        last = [(min(thin, CLIPPED_SPARSE), True) if clipped else (1, False)]
-        state = _improved(image, flags, state, last, first, scene=scene is not None)
-    state = replace(state, covariance=state.covariance + _hidden(state))
+    state = _untangled(image, flags, states[:-1], first, scene=scene is not None, precise=precise)
+    if state is None:
+        thin = max(1, round(SPARSE * min(1.0, first.count / 40000)))
+        if precise or scene is not None:
+            rounds = [(thin, True), (thin, True)] + [(1, False)] * precise
+        else:
+            rounds = [(max(1, round(first.count / FEW)), True), (thin, False)]
+        state = _improved(image, flags, states[-1], rounds, first, scene=scene is not None)
+    state = replace(state, covariance=state.covariance + _systematic(state))
     return replace(first, lattice=state.lattice, covariance=state.covariance), state
 
 
-def _hidden(state: State) -> FloatArray:
-    """Covariance by a second disc that may be there and was not found: the lattice is larger or smaller for it."""
+def _systematic(state: State) -> FloatArray:
+    """Covariance by what the lenses look like: a second disc that was not found, or a model that does not hold.
+
+    The lattice is larger or smaller for the first; pixels are square, so that the second differs along x and y.
+    """
     lattice, aperture = state.lattice, state.aperture
-    if aperture.h is not None:
-        return np.zeros((5, 5))
+    half = aperture.middle.max()
     k = np.array([[0.0, 0.0], [40.0, 0.0], [0.0, 40.0]])
-    centres = k @ lattice.matrix.T + (lattice.cx, lattice.cy)
-    motion = aperture.hidden * (centres - aperture.middle) / aperture.middle.max()
-    change = np.linalg.lstsq(jacobian(lattice, k).reshape(-1, 5), motion.T.ravel(), rcond=None)[0]
-    return np.asarray(np.outer(change, change))
+    place = (k @ lattice.matrix.T + (lattice.cx, lattice.cy) - aperture.middle) / half
+    design = jacobian(lattice, k).reshape(-1, 5)
+    if aperture.h is None:
+        motions = [aperture.hidden * place]
+    else:
+        error = MODEL_ERROR * half * float(np.linalg.norm(aperture.matrix)) / np.sqrt(2)
+        motions = [error * place * axis for axis in np.eye(2)]
+    changes = np.stack([np.linalg.lstsq(design, motion.T.ravel(), rcond=None)[0] for motion in motions])
+    return np.asarray(changes.T @ changes)
+
+
+def _untangled(
+    image: FloatImage, flags: Flags, states: list[State], first: Fit, *, scene: bool, precise: bool
+) -> State | None:
+    """Lattice of subimages that two discs clip: of the `states`, that whose second disc turns out to be the larger.
+
+    None where there is no second disc, or where it is not to be told from the first.
+    """
+    if not states:
+        return None
+    thin = max(1, round(first.count / FEW))
+    tried = [_improved(image, flags, state, [(thin, True)] * 2, first, scene=scene) for state in states]
+    state = max(tried, key=lambda one: one.aperture.order)
+    for _ in range(MOST_ROUNDS):
+        before, state = state, _improved(image, flags, state, [(thin, True)], first, scene=scene)
+        wandered = float(np.abs(state.aperture.matrix - before.aperture.matrix).max() * state.aperture.middle.max())
+        if wandered < WANDERED and state.lattice.distance_to(before.lattice, *image.shape) < SETTLED:
+            last = max(1, round(first.count / (MANY if precise else 2 * FEW)))
+            return _improved(image, flags, state, [(last, True)], first, scene=scene)
+    return None
 
 
 def _improved(
@@ -140,7 +163,7 @@ def _improved(
 
 
 def find_aperture(image: FloatImage, flags: Flags, first: Fit) -> list[State]:
-    """Lattice and aperture from the mean subimages of the zones of the sensor: the likeliest first."""
+    """Lattice and aperture from the mean subimages of the zones of the sensor (`two_discs`)."""
     lattice = first.lattice
     centres = _centres(lattice, image.shape, 3)
     zones = zone_means(image, flags, centres, cell_of(lattice))
@@ -166,7 +189,7 @@ def measure_lenses(
     centres, unlike those of `lfflow.kernels.centres.measure_centres`.
     """
     centres = np.stack(distortion.moved(tuple(_centres(state.lattice, image.shape, 1).T)), axis=1)
-    size = DENSE if state.aperture.h is not None else DENSE - 2
+    size = DENSE if state.aperture.h is not None else PLAIN
     normals, rights = np.zeros((len(centres), size, size)), np.zeros((len(centres), size))
     quality, sums = np.zeros((len(centres), 3)), Sums(np.zeros((4, 3, LEVELS)), np.zeros((2, 4)))
     offsets = state.aperture.offsets(centres)
@@ -189,7 +212,8 @@ def look_of(state: State) -> Look:
     ]
     table = np.zeros((0, 2)) if h is None else h.table()
     rim = 0.0 if h is None else min(RIM, NARROW_RIM * state.lattice.dh)
-    return Look(f.table(), table, np.array(splines, dtype=float), state.sites, state.noise, rim)
+    droop, common = state.aperture.droop, state.aperture.common
+    return Look(f.table(), table, np.array(splines, dtype=float), state.sites, state.noise, rim, droop, common)
 
 
 def improve(image: FloatImage, flags: Flags, state: State, every: int, *, splines: bool, scene: bool = False) -> State:
@@ -207,7 +231,7 @@ def improve(image: FloatImage, flags: Flags, state: State, every: int, *, spline
         image, flags, centres, state.aperture.offsets(centres), moves, blocks, cell_of(state.lattice), look,
         3 if scene else 1, splines, state.typical, sums, totals, scores, misfit,
     )  # fmt: skip
-    step, covariance = _solve(totals, scores, common, None if state.aperture.h is None else _regions())
+    step, covariance = _solve(totals, scores, common)
     typical = float(np.median(misfit[misfit > 0])) if scene and (misfit > 0).any() else 0.0
     return replace(_moved(state, step, covariance, centres, moves, sums), typical=typical)
 
@@ -219,7 +243,9 @@ def _moved(
     common = moves.shape[2]
     aperture, shift = state.aperture, moves @ step[:common]
     if aperture.h is not None:
-        aperture = aperture.shifted(centres, shift[:, -2:] - shift[:, -4:-2])
+        aperture = aperture.shifted(centres, shift[:, -3:-1] - shift[:, -5:-3])
+        common_blur = float(np.clip(aperture.common + step[common - 1], 0.0, MOST_COMMON))
+        aperture = replace(aperture, common=common_blur)
     if len(step) > common:
         count = len(aperture.f.coefficients)
         f, h = aperture.f.moved(step[common : common + count]), aperture.h
@@ -230,10 +256,10 @@ def _moved(
 
 
 def _moves(lattice: Lattice, centres: FloatArray, field: FloatArray, *, aperture: Aperture, scene: bool) -> FloatArray:
-    """Derivatives of each lens's gradient, centre and second disc by the common parameters, (n, 2 to 6, parameters)."""
+    """Derivatives of each lens's gradient, centre and second disc by the common parameters, (n, 2 to 7, parameters)."""
     first, clipped = 0 if scene else 2, aperture.h is not None
     gradients = 6 if aperture.sharp and not scene else 0
-    moves = np.zeros((len(centres), first + (4 if clipped else 2), 5 + gradients + (4 if clipped else 0)))
+    moves = np.zeros((len(centres), first + (5 if clipped else 2), 5 + gradients + (5 if clipped else 0)))
     moves[:, first : first + 2, :5] = np.moveaxis(jacobian(lattice, lens_indices(lattice, centres)), 0, 1)
     for axis in (0, 1):
         if gradients:
@@ -242,15 +268,16 @@ def _moves(lattice: Lattice, centres: FloatArray, field: FloatArray, *, aperture
         if clipped:
             moves[:, first + 2 + axis, 5 + gradients + axis] = 1
             moves[:, first + 2 + axis, 7 + gradients + axis] = field[:, axis]
+    if clipped:
+        moves[:, -1, -1] = 1
     return moves
 
 
-def _solve(
-    totals: FloatArray, scores: FloatArray, common: int, regions: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
+def _solve(totals: FloatArray, scores: FloatArray, common: int) -> tuple[FloatArray, FloatArray]:
     """Step and covariance of the shared parameters from the normal equations of blocks."""
     totals = np.tril(totals) + np.swapaxes(np.tril(totals, -1), 1, 2)
     normal = totals.sum(axis=0)
+    normal[range(common, len(normal)), range(common, len(normal))] += KNOWN_BEFORE**-2
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal * np.outer(scale, scale)
     # A coefficient that no pixel hangs on stays, and so does the first one: the profile's height is the lenses' own.
@@ -261,18 +288,7 @@ def _solve(
     step = inverse @ scores.sum(axis=0)
     left = scores - totals @ step
     covariance = inverse @ (left.T @ left) @ inverse
-    if regions is not None:
-        # Outliers left out and unsure pixels make the scores scatter less than the weights say: both count.
-        left = regions @ left
-        covariance += inverse @ (left.T @ left) @ inverse + inverse
     return step, covariance
-
-
-def _regions() -> FloatArray:
-    """Which blocks (regions, blocks) share what the model of two edges misses: rings, each along x and along y."""
-    place = np.abs(np.indices((BLOCKS, BLOCKS)) - (BLOCKS - 1) / 2).reshape(2, -1)
-    ring = np.clip((np.hypot(*place) / (BLOCKS / 2 * np.sqrt(2)) * RINGS).astype(np.int64), 0, RINGS - 1)
-    return np.asarray(np.eye(2 * RINGS)[:, 2 * ring + (place[0] > place[1])])
 
 
 def _noise_model(levels: FloatArray, before: FloatArray) -> FloatArray:

@@ -83,22 +83,37 @@ def _compare(
 
 
 @numba.njit(nogil=True, cache=True)
-def _correct(model: FloatImage, lens: Geometry, scale: float, ratio: FloatArray) -> None:
+def _between_rows(table: FloatImage, v: int, share: float, row: FloatImage) -> None:
+    """Blend two rows of zones."""
+    for u in range(row.shape[0]):
+        for j in range(row.shape[1]):
+            for i in range(row.shape[2]):
+                row[u, j, i] = table[v, u, j, i] + np.float32(share) * (table[v + 1, u, j, i] - table[v, u, j, i])
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _inside(zone: FloatImage, i: int, j: int, fi: np.float32, fj: np.float32) -> np.float32:
+    upper = zone[j, i] + fi * (zone[j, i + 1] - zone[j, i])
+    lower = zone[j + 1, i] + fi * (zone[j + 1, i + 1] - zone[j + 1, i])
+    return np.float32(upper + fj * (lower - upper))
+
+
+@numba.njit(nogil=True, cache=True)
+def _correct(model: FloatImage, lens: Geometry, scale: float, ratio: FloatImage) -> None:
     """Multiply the model by the ratio, interpolated between the bins and the middles of the zones."""
     zones, half = ratio.shape[0], ratio.shape[2] // 2
+    row = np.empty(ratio.shape[1:], np.float32)
     for y in range(model.shape[0]):
         v, fv = _between((y + 0.5) / model.shape[0] * zones - 0.5, zones - 1)
+        _between_rows(ratio, v, fv, row)
         for x in range(model.shape[1]):
             u, fu = _between((x + 0.5) / model.shape[1] * zones - 0.5, zones - 1)
             a, b = offset_from_lens(float(x), float(y), lens)
             i, fi = _between(a * scale + half, 2 * half)
             j, fj = _between(b * scale + half, 2 * half)
-            total = 0.0
-            for q in range(16):
-                share = (fv if q & 1 else 1 - fv) * (fu if q & 2 else 1 - fu)
-                share *= (fj if q & 4 else 1 - fj) * (fi if q & 8 else 1 - fi)
-                total += share * ratio[v + (q & 1), u + (q >> 1 & 1), j + (q >> 2 & 1), i + (q >> 3)]
-            model[y, x] *= total
+            left = _inside(row[u], i, j, np.float32(fi), np.float32(fj))
+            right = _inside(row[u + 1], i, j, np.float32(fi), np.float32(fj))
+            model[y, x] *= left + np.float32(fu) * (right - left)
 
 
 def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
@@ -122,7 +137,7 @@ def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
     zones = int(np.clip(math.sqrt(lenses / LENSES_A_ZONE), 2, MOST_ZONES))
     seen, due = np.zeros((2, zones, zones, 2 * half + 1, 2 * half + 1))
     _compare(flat, model, lens, scale, seen, due)
-    _correct(model, lens, scale, _ratio(seen, due))
+    _correct(model, lens, scale, _ratio(seen, due).astype(np.float32))
     return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6)), 1))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,6 +21,8 @@ MIN_PITCH, MAX_PITCH = 5.5, 66.0
 MAX_STRETCH = 0.025
 """Difference of the two pitches that a spectrum's resolution can make of none."""
 MAX_TILT = math.radians(4.5)
+BAND = 0.5
+"""The 2×2 bins repeat the spectrum at so many cycles per sensor pixel: beyond half of it lines are folded back."""
 TILE = 1024
 PEAKS = 80
 SIGNIFICANCE = 14.0
@@ -137,6 +140,16 @@ def reciprocal_shells(arrangement: Arrangement) -> npt.NDArray[np.int64]:
     return np.asarray(m[order[length[order] < 3.2 * length.min()]], dtype=np.int64)
 
 
+class _Candidate(NamedTuple):
+    """Reciprocal basis, the significance of the lines that it explains, and of those within reach that it does not."""
+
+    pitch: float
+    basis: Vectors
+    explained: float
+    left: float
+    arrangement: Arrangement
+
+
 def _best_lattice(vectors: Vectors, ratios: Vectors, resolution: float) -> tuple[Arrangement, Vectors]:
     """Reciprocal basis (rows g1, g2) that explains most of the lines; of equals the one of the smallest pitch."""
     candidates = []
@@ -152,14 +165,18 @@ def _best_lattice(vectors: Vectors, ratios: Vectors, resolution: float) -> tuple
             basis = inverse(Lattice(pitch, pitch, theta, 0, 0, arrangement).matrix)
             found = _fit_basis(basis, arrangement, vectors, gain, resolution)
             if found is not None and _plausible(found[0], arrangement):
-                candidates.append((found[1], pitch, arrangement, found[0]))
+                candidates.append(_Candidate(pitch, *found, arrangement))
     if not candidates:
         raise LatticeNotFoundError(
             "the lines of the picture's spectrum form no lattice: it is too dark or too flat, or no plenoptic picture"
         )
-    most = max(candidate[0] for candidate in candidates)
-    _, _, arrangement, basis = min((c for c in candidates if c[0] > 0.9 * most), key=lambda c: (c[1], -c[0]))
-    return arrangement, basis
+    most = max(candidate.explained for candidate in candidates)
+    alike = [candidate for candidate in candidates if candidate.explained > 0.9 * most]
+    finest = min(alike, key=lambda one: (one.pitch, -one.explained))
+    # Half the pitch explains every other line; the whole one explains more of them and leaves fewer.
+    better = [one for one in alike if one.explained > finest.explained and one.left < finest.left]
+    chosen = min(better, key=lambda one: one.left, default=finest)
+    return chosen.arrangement, chosen.basis
 
 
 def _plausible(basis: Vectors, arrangement: Arrangement) -> bool:
@@ -170,13 +187,17 @@ def _plausible(basis: Vectors, arrangement: Arrangement) -> bool:
 
 def _fit_basis(
     basis: Vectors, arrangement: Arrangement, vectors: Vectors, gain: Vectors, resolution: float
-) -> tuple[Vectors, float] | None:
-    """Basis fitted to the lines near its multiples and the significance they add up to; None without a first shell."""
+) -> tuple[Vectors, float, float] | None:
+    """Basis fitted to the lines near its multiples; None without a first shell.
+
+    With it come the significance that they add up to, and that of all other lines within the multiples' reach.
+    """
     shells = reciprocal_shells(arrangement)
     first = 6 if arrangement == "hexagonal" else 4
     for count in (first, len(shells)):
         predicted = shells[:count] @ basis
-        distance = np.hypot(*(predicted[:, None, :] - vectors[None, :, :]).transpose(2, 0, 1))
+        folds = BAND * np.rint(predicted / BAND)
+        distance = np.hypot(*(predicted[:, None] - folds[:, None] - vectors[None]).transpose(2, 0, 1))
         tolerance = 1.5 * resolution + 0.03 * np.hypot(*basis[0]) * (count == first)
         nearest = distance.argmin(axis=1)
         matched = distance[np.arange(count), nearest] < tolerance
@@ -184,8 +205,11 @@ def _fit_basis(
             return None
         used = shells[:count][matched].astype(float)
         weight = np.sqrt(gain[nearest[matched]])[:, None]
-        basis = np.linalg.lstsq(used * weight, vectors[nearest[matched]] * weight, rcond=None)[0]
-    return basis, float(gain[np.unique(nearest[matched])].sum())
+        lines = vectors[nearest[matched]] + folds[matched]
+        basis = np.linalg.lstsq(used * weight, lines * weight, rcond=None)[0]
+    within = np.hypot(*vectors.T) < np.hypot(*predicted.T).max()
+    explained = float(gain[np.unique(nearest[matched])].sum())
+    return basis, explained, float(gain[within].sum()) - explained
 
 
 def inverse(matrix: Vectors) -> Vectors:

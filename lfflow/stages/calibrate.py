@@ -19,6 +19,7 @@ from lfflow.kernels.lattice_fit import Fit, fit
 from lfflow.kernels.likelihood import refine
 from lfflow.kernels.radiometry import normalise_levels
 from lfflow.kernels.residual_field import judge, unjudged
+from lfflow.kernels.scene_push import unpushed
 from lfflow.kernels.shade import shade
 from lfflow.kernels.spectrum import start
 from lfflow.kernels.white import white_vignetting
@@ -182,7 +183,8 @@ def locate(
     first = start(gray)
     flat = flatten_scene(gray, first.dh) if scene else gray
     centres = measure_centres(flat if weights is None else weighted(flat, weights), first)
-    return fit(centres, first, (gray.shape[0], gray.shape[1]), grid if all(grid) else None), flat
+    found = fit(centres, first, (gray.shape[0], gray.shape[1]), grid if all(grid) else None)
+    return unpushed(gray, centres, found) if scene else found, flat
 
 
 def _method(raw: xr.Dataset, method: Method | None) -> xr.DataArray:

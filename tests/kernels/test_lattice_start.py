@@ -10,7 +10,7 @@ from lfflow.kernels.centres import measure_centres
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import algorithm_one, fit, jacobian, lens_indices
 from lfflow.kernels.spectrum import start
-from lfflow.lattice import ARRANGEMENTS, Lattice
+from lfflow.lattice import ARRANGEMENTS, Arrangement, Lattice
 
 
 def draw(seed: int, widest: float = 45.0) -> tuple[Lattice, np.ndarray]:
@@ -57,6 +57,22 @@ def test_random_lattices_are_found(first: int) -> None:
 def test_two_hundred_random_lattices_are_found() -> None:
     """Pitch 6 to 60 px, rotation ±3°, any offset, hexagonal and square, signal to noise 10."""
     assert misses(range(1000, 1200), 60) == []
+
+
+@pytest.mark.parametrize("pitch", [6.9, 7.43, 47.9])
+@pytest.mark.parametrize("arrangement", ARRANGEMENTS)
+def test_harmonics_of_sharp_subimages_are_no_lattice_of_their_own(pitch: float, arrangement: Arrangement) -> None:
+    """Beyond the band of the bins they are folded back; half the pitch explains every other one."""
+    truth = Lattice(pitch, pitch * 1.002, 0.008, 40.0, 50.0, arrangement)
+    size = int(max(360, 14 * pitch)) // 2 * 2
+    y, x = np.mgrid[:size, :size].astype(float)
+    centre_x, centre_y = truth.centres(*truth.nearest(x, y))
+    light = np.clip((0.42 * pitch - np.hypot(x - centre_x, y - centre_y)) / (0.08 * pitch) + 0.5, 0, 1)
+    image = (light + np.random.default_rng(1).normal(0, 0.02, light.shape)).astype(np.float32)
+    first = start(image)
+    assert first.arrangement == arrangement
+    assert first.distance_to(truth, size, size) < 0.2 * pitch
+    assert fit(measure_centres(image, first), first, (size, size)).lattice.distance_to(truth, size, size) < 0.01 * pitch
 
 
 def test_algorithm_one_ignores_false_centres() -> None:
