@@ -23,7 +23,8 @@ class WholeStore(WrapperStore[Store]):
     store
         The store.
     arrays
-        Names of the arrays, without their group, of which every chunk that is read must be there.
+        Names of the arrays, without their group, of which everything that is read must be there, whatever its name: a
+        hit byte in the metadata of an array can make zarr look for its chunks elsewhere.
     """
 
     def __init__(self, store: Store, arrays: Iterable[str]) -> None:
@@ -36,8 +37,8 @@ class WholeStore(WrapperStore[Store]):
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         """Content of a key, or the part of it that is asked for; None where there is none and none is needed."""
         found: Buffer | None = await self._store.get(key, prototype, byte_range)
-        array, chunk, _ = key.partition("/c/")
-        if found is None and chunk and array.rpartition("/")[2] in self._arrays:
+        _, array, *rest = *key.split("/"), ""
+        if found is None and array in self._arrays and rest[0] != "zarr.json" and not rest[0].startswith("."):
             raise MissingRegionError(
                 f"{key} of {self._store} is lost: lfflow validate says what else is, and the next run makes it anew"
             )

@@ -153,6 +153,11 @@ def test_a_lost_region_is_never_a_wrong_number(tmp_path, captures):
         with pytest.raises(CollectionError, match=r"disparity/c/1/0/0/0/0 of .* is lost"):
             read["disparity"].sel(capture="IMG_1").load()
     assert_found_and_mended(tmp_path / "col", captures, finished, "a lost region")
+    metadata = next((tmp_path / "col").glob("disparity.zarr/*/disparity/zarr.json"))
+    metadata.write_text(metadata.read_text().replace('"separator": "/"', '"separator": "."'))
+    with pytest.raises(CollectionError, match=r"disparity/c\.\d\.0\.0\.0\.0 of .* is lost"):
+        open_collection(tmp_path / "col").open("disparity")["disparity"].load()
+    assert_found_and_mended(tmp_path / "col", captures, finished, "a hit separator")
     next((tmp_path / "col").glob("disparity.zarr/*/u/c/0")).unlink()
     with pytest.raises(CollectionError, match=r"u/c/0 of .* is lost"):
         open_collection(tmp_path / "col").open("disparity")
