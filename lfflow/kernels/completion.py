@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
-from lfflow.kernels.mosaic_field import MosaicField
+from lfflow.kernels.mosaic_field import MosaicField, shown_by
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -58,14 +58,11 @@ def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, picture, w
     u, v = place
     rows, columns = disparity.shape
     narrow = np.float32(-0.5) / (reach * reach)
-    half, spread = np.float32(0.5), np.float32(4) * (u * u + v * v)
+    spread = np.float32(4) * (u * u + v * v)
     for t in range(rows):
         for s in range(columns):
             d = disparity[t, s]
-            row = int(np.floor(np.float32(t) - d * v / pitch + half))
-            if row < 0 or row >= rows:
-                continue
-            column = int(np.floor(np.float32(s) + offset[t] - d * u - offset[row] + half))
+            row, column = shown_by(t, s, d, u, v, offset, pitch)
             if column < 0 or column >= columns or cfa[row, column] == CFA_NONE:
                 continue
             c = cfa[row, column]

@@ -19,21 +19,24 @@ from lfflow.kernels.threads import each
 FloatArray = npt.NDArray[np.float32]
 
 DARKEST, LIGHTEST = 0.5, 2.0
-"""Middle sample of a view, as a share of that of the middle view, beyond which the view is no picture of the scene."""
+"""Middle sample of a view, as a share of that of the central one, beyond which the view is no picture of the scene."""
 
 
 def without_strangers(field: MosaicField) -> MosaicField:
-    """Field without the views that are far darker or lighter than most: beyond a stop, or black where others see."""
+    """Field without the views that are far darker or lighter than the central one: black, where others see."""
     views = field.views()
     light = {(j, i): np.median(field.mosaic[j, i][field.cfa[j, i] != CFA_NONE]) for j, i in views}
-    middle = float(np.median(list(light.values()))) if light else 0.0
+    mosaic, cfa, _ = field.view(0, 0)
+    if not (cfa != CFA_NONE).any():
+        return field
+    middle = np.median(mosaic[cfa != CFA_NONE])
     strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
     if not strangers:
         return field
-    cfa, weight, mosaic = field.cfa.copy(), field.weight.copy(), field.mosaic.copy()
+    cfas, weights, mosaics = field.cfa.copy(), field.weight.copy(), field.mosaic.copy()
     for at in strangers:
-        cfa[at], weight[at], mosaic[at] = CFA_NONE, 0, 0
-    return field._replace(cfa=cfa, weight=weight, mosaic=mosaic)
+        cfas[at], weights[at], mosaics[at] = CFA_NONE, 0, 0
+    return field._replace(cfa=cfas, weight=weights, mosaic=mosaics)
 
 
 def levelled(

@@ -112,7 +112,7 @@ def _refined(
             continue
         guide = np.moveaxis(picture, 0, -1)
         doubt = np.minimum(told.own, MOST_DOUBT)
-        trust = told.information / (1 + (doubt / TEXTURELESS) ** 2)
+        trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = lattice_surface(told.disparity, trust, found, guide, field.offset, doubt=doubt, edge=_edge(noise))
     return found, told, picture
 

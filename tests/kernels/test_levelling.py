@@ -7,7 +7,7 @@ import pytest
 
 import lfflow
 from lfflow.kernels.completion import complete_centre
-from lfflow.kernels.levelling import levelled
+from lfflow.kernels.levelling import levelled, without_strangers
 from lfflow.kernels.mosaic_field import mosaic_field
 from lfflow.schema import lattice_of
 from tests.mosaic_fields import lightfield, plane
@@ -62,3 +62,23 @@ def test_without_levelling_it_would(monkeypatch):
 def test_even_light_stays_as_it_is():
     lf = shaded(0.0)
     assert float(errors(lf).median()) < 0.01
+
+
+def test_views_that_are_black_or_far_lighter_are_left_out():
+    lf = shaded(0.0)
+    field = field_of(lf)
+    assert without_strangers(field) is field
+    mosaic = field.mosaic.copy()
+    dark, light = field.views()[0], field.views()[-1]
+    mosaic[dark] *= 0.01
+    mosaic[light] *= 5
+    found = without_strangers(field._replace(mosaic=mosaic))
+    assert set(field.views()) - set(found.views()) == {dark, light}
+
+
+def test_black_views_change_nothing():
+    lf = shaded(0.0)
+    inner = (abs(lf.u) < 4) & (abs(lf.v) < 4)
+    black = lf.assign(mosaic=lf.mosaic.where(inner, 0.0 * lf.mosaic))
+    cut = lf.assign(cfa=lf.cfa.where(inner, 255).astype("u1"))
+    assert float(errors(black).median()) == float(errors(cut).median())
