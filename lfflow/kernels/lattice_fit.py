@@ -132,7 +132,7 @@ def fit(centres: FloatArray, start: Lattice, shape: tuple[int, int], grid: tuple
         Fewer than 8 centres, or centres that lie on no lattice.
     """
     if len(centres) < 8:
-        raise LatticeNotFoundError(f"only {len(centres)} subimages were found")
+        raise LatticeNotFoundError(f"only {len(centres)} subimages were found: the picture is too dark or too flat")
     sample = centres[:: max(1, len(centres) // ENOUGH)]
     lattice, _ = algorithm_one(sample, start)
     lattice = lattice.anchored(*shape, grid)
@@ -149,7 +149,8 @@ def fit(centres: FloatArray, start: Lattice, shape: tuple[int, int], grid: tuple
     rms = float(np.sqrt(squares / used.sum()))
     if rms > WORST_RMS * lattice.dh:
         raise LatticeNotFoundError(
-            f"the subimages lie on no lattice: rms residual {rms:.2f} px at pitch {lattice.dh:.2f} px"
+            f"the subimages lie on no lattice (rms residual {rms:.2f} px at pitch {lattice.dh:.2f} px): the picture is "
+            "too dark, too flat or too blurred"
         )
     scores = (jacobian(lattice, k[used]) * residual.T[:, :, None]).sum(axis=0)
     inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)

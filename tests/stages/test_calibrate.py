@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import chi2
 
 from lfflow.errors import LatticeNotFoundError
 from lfflow.lattice import Lattice
@@ -152,17 +154,68 @@ def test_refusal_names_the_reason(level: float, reason: str) -> None:
         calibrate(frame(np.full(SIZE, level), "scene"))
 
 
+def shot(light: np.ndarray, counts: float, seed: int = 1) -> xr.Dataset:
+    """A picture whose brightest pixels are `counts` photons above the black level, read with a noise of 3."""
+    rng = np.random.default_rng(seed)
+    level = rng.poisson(light * counts) + rng.normal(168, 3, light.shape)
+    return frame(light, "scene").assign(raw=(("y", "x"), np.rint(level).clip(0, 4095).astype(np.uint16)))
+
+
+def covered(cal: xr.Dataset) -> float:
+    """Error of the lattice, which must not be far beyond what is stated of its offset."""
+    error = lattice_of(cal).distance_to(TRUTH, *SIZE)
+    assert error < 4 * np.sqrt(cal["covariance"].values[3, 3])
+    return error
+
+
+@pytest.mark.parametrize("counts", [300, 60, 30])
+def test_a_dark_picture_has_its_lattice(counts: float) -> None:
+    assert covered(calibrate(shot(subimages(TRUTH, SIZE) * scene(SIZE), counts))) < 0.03
+
+
+@pytest.mark.parametrize("counts", [5, 1, 0.1])
+def test_a_picture_too_dark_is_refused(counts: float) -> None:
+    with pytest.raises(LatticeNotFoundError, match="dark"):
+        calibrate(shot(subimages(TRUTH, SIZE) * scene(SIZE), counts))
+
+
+@pytest.mark.parametrize("blur", [1.0, 2.0])
+def test_a_defocused_picture_has_its_lattice(blur: float) -> None:
+    light = cv2.GaussianBlur(subimages(TRUTH, SIZE), (0, 0), blur) * scene(SIZE)
+    assert covered(calibrate(shot(light, 1500))) < 0.15
+
+
+@pytest.mark.parametrize("blur", [3.0, 5.0])
+def test_a_picture_too_flat_is_refused(blur: float) -> None:
+    """Blurred subimages are an even light at last, and the scene is all there is."""
+    light = cv2.GaussianBlur(subimages(TRUTH, SIZE), (0, 0), blur) * scene(SIZE)
+    with pytest.raises(LatticeNotFoundError, match="flat"):
+        calibrate(shot(light, 1500))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_picture_without_lenses_is_refused(seed: int) -> None:
+    with pytest.raises(LatticeNotFoundError):
+        calibrate(shot(np.roll(scene(SIZE), 37 * seed, axis=(0, 1)), 1500, seed))
+
+
 def test_sites_follow_the_pattern() -> None:
     assert site_indices("BGGR") == [3, 2, 1, 0]
     assert site_indices("GRBG") == [1, 0, 3, 2]
 
 
 def test_real_pictures_share_one_lattice(shared_data: Path) -> None:
-    found = []
+    found, covariance = [], []
     for name in ("IMG_1.lfp", "IMG_2.lfp"):
         with xr.open_dataset(shared_data / "f01" / name, engine="lfp") as raw:
-            found.append(lattice_of(calibrate(raw)))
-    assert found[0].distance_to(found[1], 3280, 3280) < 0.2
+            cal = calibrate(raw)
+        found.append(lattice_of(cal))
+        covariance.append(cal["covariance"].values)
+    assert found[0].distance_to(found[1], 3280, 3280) < 0.08
     for lattice in found:
         assert lattice.dh == pytest.approx(9.93, abs=0.01)
         assert np.degrees(lattice.theta) == pytest.approx(-0.28, abs=0.01)
+    one, other = found
+    x, y = other.centres(*other.nearest(one.cx, one.cy))
+    apart = [one.dh - other.dh, one.dv - other.dv, one.theta - other.theta, one.cx - float(x), one.cy - float(y)]
+    assert apart @ np.linalg.solve(covariance[0] + covariance[1], apart) < chi2.ppf(0.999, 5)
