@@ -1,6 +1,6 @@
 """Disparity on mosaicked views against the truth: simulated F01 captures, and matching after demosaicking the raw.
 
-python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard] [--fusions]
+python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard] [--fusions] [--pictures FOLDER]
 python benchmarks/disparity.py --views FOLDER [--smaller 2]
 
 The second resamples HCI views through the F01's mosaic and matches the same pixels in full colour (METHOD 10.5).
@@ -81,6 +81,33 @@ def score(name: str, found: Image, truth: Image, edge: npt.NDArray[np.bool_], se
         f"| {name} | {100 * bad.mean():.2f} | {100 * bad[near].mean():.2f} | {100 * (~(error <= 0.03)).mean():.2f} "
         f"| {np.nanmedian(error):.4f} | {seconds:.2f} |"
     )
+
+
+def within(out: xr.Dataset, wanted: Image) -> None:
+    """Print the share of the errors within one and two standard deviations, by what the flags say of a place."""
+    flags, std = (out[name].to_numpy() for name in ("flags", "disparity_std"))
+    known = np.isfinite(wanted) & np.isfinite(out["disparity"].to_numpy())
+    ratio = np.abs(out["disparity"].to_numpy() - wanted) / std
+    kinds = {"valid": flags == 0, "low texture": (flags & 2) > 0, "occluded": (flags & 10) == 8}
+    for name, kind in kinds.items():
+        own = ratio[kind & known]
+        if own.size:
+            print(f"{name} {(kind & known).sum() / known.sum():.3f}, within 1 std {(own < 1).mean():.3f}, "
+                  f"within 2 {(own < 2).mean():.3f}")  # fmt: skip
+
+
+def draw(path: Path, wanted: Image, maps: list[Image]) -> None:
+    """Picture of the true disparity and the maps side by side, below them their errors (white: beyond 0.1)."""
+    low, high = np.nanmin(wanted), np.nanmax(wanted)
+
+    def coloured(values: Image, start: float, end: float, colours: int) -> npt.NDArray[np.uint8]:
+        grey = np.nan_to_num(np.clip((values - start) / (end - start), 0, 1) * 255).astype(np.uint8)
+        return np.asarray(cv2.applyColorMap(cv2.resize(grey, None, fx=3, fy=3, interpolation=0), colours), np.uint8)
+
+    upper = [coloured(one, low, high, cv2.COLORMAP_TURBO) for one in (wanted, *maps)]
+    lower = [coloured(np.abs(one - wanted), 0, 0.1, cv2.COLORMAP_HOT) for one in (wanted, *maps)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.vstack([np.hstack(upper), np.hstack(lower)]))
 
 
 def capture(
@@ -165,6 +192,7 @@ def main() -> None:
     parser.add_argument(
         "--smaller", type=int, default=2, help="shrink the views so that the aperture shows their range"
     )
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of the maps and their errors, one a seed")
     options = parser.parse_args()
     if options.views:
         through_the_mosaic(options.views, options.smaller)
@@ -175,21 +203,21 @@ def main() -> None:
     print("| seed, method | bad(0.1) % | … near edges % | bad(0.03) % | median | CPU s |\n|---|---|---|---|---|---|")
     for seed in options.seeds:
         raw, cal, lf, wanted, edge = capture(options.size, seed, options.scene)
+        maps = []
         for name, fields in (("demosaicked first", demosaicked(raw, cal)), ("mosaicked", [lf])):
             start = time.process_time()
-            found = first_pass(fields)
-            score(f"{seed}, {name}, four pairs", found, wanted, edge, time.process_time() - start)
+            maps.append(first_pass(fields))
+            score(f"{seed}, {name}, four pairs", maps[-1], wanted, edge, time.process_time() - start)
         start = time.process_time()
         out = disparity(lf)
-        score(
-            f"{seed}, second pass, regularised", out["disparity"].to_numpy(), wanted, edge, time.process_time() - start
-        )
+        maps.append(out["disparity"].to_numpy())
+        score(f"{seed}, second pass, regularised", maps[-1], wanted, edge, time.process_time() - start)
         start = time.process_time()
         transpose_disparity(out, lf)
         print(f"| {seed}, all {lf.sizes['u'] * lf.sizes['v']} views | | | | | {time.process_time() - start:.2f} |")
-        valid = ((out["flags"] == 0) & np.isfinite(wanted)).to_numpy()
-        ratio = (np.abs(out["disparity"].to_numpy() - wanted) / out["disparity_std"].to_numpy())[valid]
-        print(f"valid {valid.mean():.3f}, within 1 std {(ratio < 1).mean():.3f}, within 2 {(ratio < 2).mean():.3f}")
+        within(out, wanted)
+        if options.pictures:
+            draw(options.pictures / f"{options.scene}_{seed}.png", wanted, maps)
 
 
 if __name__ == "__main__":
