@@ -1,8 +1,9 @@
-"""Accuracy and CPU time of the calibration against known lattices: ``python benchmarks/calibration.py [size] [seeds]``.
+"""Accuracy and CPU time of the calibration: ``python benchmarks/calibration.py [size] [seeds] [first seed]``.
 
 Errors are rms distances over all lenses, pixels. The bound (Cramér-Rao) is that of somebody who knows the subimages'
 shape, the fall-off, the clipping and the noise, and looks for the five numbers of the lattice alone. ``illum`` for the
-size takes the whole sensor of that camera and prints the peak memory.
+size takes the whole sensor of that camera and prints the peak memory; ``starts [count] [seed]`` looks for random
+lattices without any prior knowledge.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from lfflow.kernels.centres import flatten_scene, lens_centres, measure_centres
 from lfflow.kernels.equalise import equalise
 from lfflow.kernels.lattice_fit import Fit, fit, jacobian, lens_indices, moved
 from lfflow.kernels.likelihood import refine
+from lfflow.kernels.scene_push import unpushed
 from lfflow.kernels.spectrum import start
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.simulate.optics import Optics, frame_of
@@ -28,28 +30,32 @@ from lfflow.simulate.sensor import Sensor
 
 F01 = Lattice(9.93456, 9.9412, -0.0047, 3.3, 4.4)
 CASES = {
-    "F01": (F01, 0.0),
-    "pitch 10": (Lattice(10.00861, 10.01028, 0.00143, 3.3, 4.4), 0.0),
-    "turned 0.28°, rows 5e-4": (Lattice(9.93, 9.93 * 1.0005, -0.0048869, 3.3, 4.4), 0.0),
-    "Illum": (Lattice(14.29, 14.297, 0.0012, 3.3, 4.4), 0.0),
-    "square 20": (Lattice(20.2, 20.2, 0.01, 3.3, 4.4, "square"), 0.0),
-    "F01, cat's eye 0.2": (F01, 0.2),
-    "F01, cat's eye 0.6": (F01, 0.6),
-    "F01, cat's eye 0.9": (F01, 0.9),
+    "F01": (F01, 0.0, 1),
+    "pitch 10": (Lattice(10.00861, 10.01028, 0.00143, 3.3, 4.4), 0.0, 1),
+    "turned 0.28°, rows 5e-4": (Lattice(9.93, 9.93 * 1.0005, -0.0048869, 3.3, 4.4), 0.0, 1),
+    "Illum": (Lattice(14.29, 14.297, 0.0012, 3.3, 4.4), 0.0, 1),
+    "square 20": (Lattice(20.2, 20.2, 0.01, 3.3, 4.4, "square"), 0.0, 1),
+    "F01, gathered": (F01, 0.0, 3),
+    "F01, cat's eye 0.2": (F01, 0.2, 1),
+    "F01, cat's eye 0.6": (F01, 0.6, 1),
+    "F01, cat's eye 0.9": (F01, 0.9, 1),
+    "F01, 0.6, gathered": (F01, 0.6, 3),
 }
+"""Lattice, cat's eye, and the points along the side of a pixel over which it gathers light."""
 COLOURS = 0.7 * np.array([[0.55, 1.0], [1.0, 0.8]], np.float32)
 Shape = tuple[int, int]
 
 
-def light_of(lattice: Lattice, shape: Shape, cat_eye: float = 0.0) -> np.ndarray:
-    """Levels of a white image without noise."""
-    light = np.empty(shape, np.float32)
-    illuminate(light, 0, frame_of(lattice, *shape), Optics(cat_eye=cat_eye).profile(lattice, *shape))
-    return light * np.tile(COLOURS, (shape[0] // 2, shape[1] // 2))
-
-
-def white_image(lattice: Lattice, size: int, seed: int, cat_eye: float = 0.0) -> np.ndarray:
-    return Sensor().digitise(light_of(lattice, (size, size), cat_eye), np.random.default_rng(seed))
+def light_of(lattice: Lattice, shape: Shape, cat_eye: float = 0.0, fine: int = 1) -> np.ndarray:
+    """Levels of a white image without noise; each pixel gathers it at `fine`² points of its area."""
+    light, total = np.empty(shape, np.float32), np.zeros(shape, np.float32)
+    profile = Optics(cat_eye=cat_eye).profile(lattice, *shape)
+    places = (np.arange(fine) + 0.5) / fine - 0.5
+    for x in places:
+        for y in places:
+            illuminate(light, 0, frame_of(replace(lattice, cx=lattice.cx - x, cy=lattice.cy - y), *shape), profile)
+            total += light
+    return total / fine**2 * np.tile(COLOURS, (shape[0] // 2, shape[1] // 2))
 
 
 def fast_path(raw: np.ndarray, *, black: float = 168.0, scene: bool = False) -> tuple[np.ndarray, Fit]:
@@ -86,21 +92,28 @@ def bound(lattice: Lattice, size: int, cat_eye: float = 0.0) -> float:
     return float(np.sqrt(np.einsum("anp,pq,anq->", motion, covariance, motion) / len(centres))) * small / size
 
 
-def measure(lattice: Lattice, cat_eye: float, shape: Shape, seed: int) -> list[float]:
-    """Errors and CPU seconds of the peaks, the fast path and the maximum likelihood, and the latter's χ²."""
-    raw = Sensor().digitise(light_of(lattice, shape, cat_eye), np.random.default_rng(seed))
-    begin = time.process_time()
+def measure(case: tuple[Lattice, float, int], shape: Shape, seed: int) -> list[float]:
+    """Errors of the peaks, the fast path and the maximum likelihood; CPU seconds and χ² of the last two."""
+    lattice, cat_eye, fine = case
+    raw = Sensor().digitise(light_of(lattice, shape, cat_eye, fine), np.random.default_rng(seed))
+    times = [time.process_time()]
     image, peaks = fast_path(raw)
-    middle = time.process_time()
-    fast, _ = refine(image, peaks, precise=False)
-    end = time.process_time()
-    best, _ = refine(image, peaks)
-    last = time.process_time()
-    x, y = lattice.centres(*lattice.nearest(best.lattice.cx, best.lattice.cy))
+    times.append(time.process_time())
+    found = []
+    for precise in (False, True):
+        found.append(refine(image, peaks, precise=precise)[0])
+        times.append(time.process_time())
+    errors = [one.lattice.distance_to(lattice, *shape) for one in (peaks, *found)]
+    start_s, fast_s, best_s = np.diff(times)
+    return [*errors, start_s + fast_s, start_s + best_s, *(chi_square(one, lattice) for one in found)]
+
+
+def chi_square(found: Fit, lattice: Lattice) -> float:
+    """Square of the error in units of the stated covariance."""
+    x, y = lattice.centres(*lattice.nearest(found.lattice.cx, found.lattice.cy))
     truth = replace(lattice, cx=float(x), cy=float(y))
-    error = np.array([getattr(best.lattice, n) - getattr(truth, n) for n in ("dh", "dv", "theta", "cx", "cy")])
-    errors = [found.lattice.distance_to(lattice, *shape) for found in (peaks, fast, best)]
-    return [*errors, end - begin, last - end, middle - begin, float(error @ np.linalg.solve(best.covariance, error))]
+    error = np.array([getattr(found.lattice, n) - getattr(truth, n) for n in ("dh", "dv", "theta", "cx", "cy")])
+    return float(error @ np.linalg.solve(found.covariance, error))
 
 
 def self_calibration(size: int, seed: int) -> tuple[float, float, float]:
@@ -112,7 +125,8 @@ def self_calibration(size: int, seed: int) -> tuple[float, float, float]:
     image, _ = equalise(raw["raw"].values, np.full((2, 2), float(raw["black_level"][0])))
     guess = start(image)
     flat = flatten_scene(image, guess.dh)
-    found, _ = refine(image, fit(measure_centres(flat, guess), guess, image.shape), scene=flat)
+    centres = measure_centres(flat, guess)
+    found, _ = refine(image, unpushed(image, centres, fit(centres, guess, image.shape)), scene=flat)
     end = time.process_time()
     motion = jacobian(found.lattice, lens_indices(found.lattice, lens_centres(found.lattice, size, size, 0.0)))
     stated = np.sqrt(np.einsum("anp,pq,anq->", motion, found.covariance, motion) / motion.shape[1])
@@ -125,7 +139,9 @@ def random_white(rng: np.random.Generator) -> tuple[Lattice, np.ndarray]:
     size = int(np.clip(14 * pitch, 360, 840)) // 2 * 2
     turn = np.radians(rng.uniform(-3, 3))
     place = rng.uniform(0, size, 2)
-    lattice = Lattice(pitch, pitch * rng.uniform(0.995, 1.005), float(turn), *place, str(rng.choice(ARRANGEMENTS)))
+    lattice = Lattice(
+        pitch, pitch * rng.uniform(0.995, 1.005), float(turn), *place.tolist(), ARRANGEMENTS[rng.integers(2)]
+    )
     optics = Optics(rng.uniform(0.7, 1), 0.08 * pitch, rng.uniform(0, 0.4), rng.uniform(0, 0.6))
     light = np.empty((size, size), np.float32)
     illuminate(light, 0, frame_of(lattice, size, size), optics.profile(lattice, size, size))
@@ -157,29 +173,31 @@ def starts(count: int, seed: int) -> None:
     )
 
 
-def main(size: int, seeds: int) -> None:
-    measure(F01, 0.6, (400, 400), 0)
-    print(f"{size}×{size}, mean of {seeds} seeds; χ² has 5 degrees of freedom")
+def main(size: int, seeds: int, first: int) -> None:
+    measure((F01, 0.6, 1), (400, 400), 0)
     print(
-        f"{'':<24} {'peaks':>8} {'fast':>8} {'likely':>8} {'bound':>8} {'/bound':>6} {'fast s':>6} {'+ s':>5} {'χ²':>6}"
+        f"{size}×{size}, rms of seeds {first} to {first + seeds - 1}; mean CPU s from the raw frame; χ² of 5 on average"
     )
-    for name, (lattice, cat_eye) in CASES.items():
-        rows = [measure(lattice, cat_eye, (size, size), seed) for seed in range(seeds)]
-        peaks, fast, best, first, more, _, chi = np.mean(rows, axis=0)
-        least = bound(lattice, size, cat_eye)
+    heads = "peaks", "fast", "likely", "bound", "/bound", "fast s", "ML s", "fast χ²", "ML χ²"
+    print(f"{'':<24}" + "".join(f"{head:>9}" for head in heads))
+    for name, case in CASES.items():
+        rows = np.array([measure(case, (size, size), seed) for seed in range(first, first + seeds)])
+        peaks, fast, best = np.sqrt(np.mean(rows[:, :3] ** 2, axis=0))
+        fast_s, best_s, fast_chi, best_chi = rows[:, 3:].mean(axis=0)
+        least = bound(case[0], size, case[1])
         print(
-            f"{name:<24} {peaks:8.5f} {fast:8.5f} {best:8.5f} {least:8.5f} {best / least:6.2f} "
-            f"{first:6.2f} {more:5.2f} {chi:6.1f}",
+            f"{name:<24}{peaks:9.5f}{fast:9.5f}{best:9.5f}{least:9.5f}{best / least:9.2f}"
+            f"{fast_s:9.2f}{best_s:9.2f}{fast_chi:9.1f}{best_chi:9.1f}",
             flush=True,
         )
-    found = np.array([self_calibration(min(size, 1600), seed) for seed in range(seeds)])
+    found = np.array([self_calibration(min(size, 1600), seed) for seed in range(first, first + seeds)])
     print("natural scenes, by themselves: error {:.5f} px, stated {:.5f} px, {:.2f} CPU s".format(*found.mean(axis=0)))
 
 
 def whole_illum() -> None:
-    lattice, cat_eye = CASES["Illum"]
-    for clip in (cat_eye, 0.6):
-        row = measure(lattice, clip, (ILLUM.height, ILLUM.width), 0)
+    lattice = CASES["Illum"][0]
+    for clip in (0.0, 0.6):
+        row = measure((lattice, clip, 1), (ILLUM.height, ILLUM.width), 0)
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         print(
             f"Illum {ILLUM.width}×{ILLUM.height}, cat's eye {clip:.1f}: peaks {row[0]:.5f}, fast {row[1]:.5f}, "
@@ -191,6 +209,8 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["illum"]:
         whole_illum()
     elif sys.argv[1:2] == ["starts"]:
-        starts(int(sys.argv[2]) if len(sys.argv) > 2 else 200, int(sys.argv[3]) if len(sys.argv) > 3 else 0)
+        given = [int(word) for word in sys.argv[2:4]]
+        starts(*given, *(200, 0)[len(given) :])
     else:
-        main(int(sys.argv[1]) if len(sys.argv) > 1 else 3280, int(sys.argv[2]) if len(sys.argv) > 2 else 3)
+        given = [int(word) for word in sys.argv[1:4]]
+        main(*given, *(3280, 3, 0)[len(given) :])
