@@ -1,6 +1,7 @@
 """Disparity on mosaicked views against the truth: simulated F01 captures, and matching after demosaicking the raw.
 
-python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard] [--fusions] [--pictures FOLDER]
+python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard] [--camera f01|illum]
+    [--fusions] [--pictures FOLDER]
 python benchmarks/disparity.py --views FOLDER [--smaller 2]
 
 The second resamples HCI views through the F01's mosaic and matches the same pixels in full colour (METHOD 10.5).
@@ -31,6 +32,9 @@ from lfflow.stages.view_matching import disparity_of_views
 Image = npt.NDArray[np.float32]
 PAIRS = [(a, 0) for a in (-4, -2, 2, 4)]
 BORDER = 6
+BAYER = {"BGGR": cv2.COLOR_BayerRG2RGB, "RGGB": cv2.COLOR_BayerBG2RGB, "GRBG": cv2.COLOR_BayerGB2RGB,
+         "GBRG": cv2.COLOR_BayerGR2RGB}  # fmt: skip
+"""OpenCV names a pattern by the second row and column."""
 
 
 def ideal_calibration(white: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
@@ -52,7 +56,7 @@ def demosaicked(raw: xr.Dataset, cal: xr.Dataset) -> list[xr.Dataset]:
     """One field a colour, from the raw frame after flat-fielding and bilinear demosaicking (as most tools do)."""
     black = float(raw["black_level"].mean())
     flat = (raw["raw"].to_numpy() - black) / cal["vignetting"].to_numpy()
-    rgb = cv2.cvtColor(np.clip(flat + black, 0, 65535).astype(np.uint16), cv2.COLOR_BayerRG2RGB)
+    rgb = cv2.cvtColor(np.clip(flat + black, 0, 65535).astype(np.uint16), BAYER[str(raw["cfa_pattern"].item())])
     even = cal.assign(vignetting=cal["vignetting"] * 0 + 1)
     keep = demultiplex(raw, cal)["weight"]
     fields = []
@@ -111,11 +115,11 @@ def draw(path: Path, wanted: Image, maps: list[Image]) -> None:
 
 
 def capture(
-    size: int, seed: int, scene: str
+    size: int, seed: int, scene: str, camera: str = "f01"
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset, Image, npt.NDArray[np.bool_]]:
     """Raw frame, ideal calibration, light field, true disparity of the central view and where it has an edge near."""
-    raw, truth = simulate_capture(height=size, width=size, seed=seed, scene=scene, rgb_views=[0])
-    white, _ = simulate_white(height=size, width=size, seed=seed)
+    raw, truth = simulate_capture(height=size, width=size, seed=seed, scene=scene, camera=camera, rgb_views=[0])
+    white, _ = simulate_white(height=size, width=size, seed=seed, camera=camera)
     cal = ideal_calibration(white, truth)
     wanted = truth["disparity"].sel(u=0, v=0).to_numpy()
     filled = np.nan_to_num(wanted)
@@ -187,6 +191,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=1200)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--scene", default="natural")
+    parser.add_argument("--camera", default="f01", choices=["f01", "illum"])
     parser.add_argument("--fusions", action="store_true", help="compare every fusion on the same captures instead")
     parser.add_argument("--views", type=Path, help="folder of HCI views: through the mosaic against full colour")
     parser.add_argument(
@@ -202,7 +207,7 @@ def main() -> None:
         return
     print("| seed, method | bad(0.1) % | … near edges % | bad(0.03) % | median | CPU s |\n|---|---|---|---|---|---|")
     for seed in options.seeds:
-        raw, cal, lf, wanted, edge = capture(options.size, seed, options.scene)
+        raw, cal, lf, wanted, edge = capture(options.size, seed, options.scene, options.camera)
         maps = []
         for name, fields in (("demosaicked first", demosaicked(raw, cal)), ("mosaicked", [lf])):
             start = time.process_time()
