@@ -2,9 +2,9 @@
 
 The normal equations of every lens (`lfflow.kernels.lens_scores`) are gathered into those of what all lenses share: the
 lattice, a gradient of the light across the subimages that changes linearly over the sensor, the second aperture's disc
-and the profiles of both edges. What a centre is follows from the mean subimage being a function of the radius. The
-covariance is the sandwich of the Fisher matrix and the scatter of the scores over blocks of lenses, so that it holds
-for whatever noise the picture has.
+and the profiles of both edges with the share of their blur that they have in common. What a centre is follows from the
+mean subimage being a function of the radius. The covariance is the sandwich of the Fisher matrix and the scatter of the
+scores over blocks of lenses, so that it holds for whatever noise the picture has, and by how far the model holds.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def refine(
         if precise or scene is not None:
             rounds = [(thin, True), (thin, True)] + [(1, False)] * precise
         else:
-            rounds = [(max(1, round(first.count / FEW)), True), (thin, False)]
+            rounds = [(max(thin, round(first.count / FEW)), True), (thin, False)]
         state = _improved(image, flags, states[-1], rounds, first, scene=scene is not None)
     state = replace(state, covariance=state.covariance + _systematic(state))
     return replace(first, lattice=state.lattice, covariance=state.covariance), state

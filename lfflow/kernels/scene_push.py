@@ -22,6 +22,8 @@ MOST_BLOCKS = 16
 """Blocks along each side of the sensor that have a push of their own, at most,"""
 LENSES_A_BLOCK = 150
 """with so many lenses in each."""
+ENOUGH = 40000
+"""About so many lenses are read: more tell nothing new of the things in the scene."""
 FREEDOM = 2.0
 """Degrees of freedom of Student's distribution."""
 ROUNDS = 12
@@ -54,7 +56,8 @@ def unpushed(image: FloatImage, centres: FloatArray, first: Fit) -> Fit:
     k = lens_indices(lattice, centres)
     left = centres - (k @ lattice.matrix.T + (lattice.cx, lattice.cy))
     near = np.hypot(*left.T) < 0.5 * min(lattice.dh, lattice.dv)
-    centres, k, left = centres[near], k[near], left[near]
+    some = np.nonzero(near)[0][:: max(1, round(len(centres) / ENOUGH))]
+    centres, k, left = centres[some], k[some], left[some]
     slope = scene_slope(image, centres, lattice.dh)
     sides = int(np.clip(np.sqrt(len(centres) / LENSES_A_BLOCK), 1, MOST_BLOCKS))
     column, row = (np.clip(centres[:, a] * sides // shape[1 - a], 0, sides - 1).astype(np.int64) for a in (0, 1))

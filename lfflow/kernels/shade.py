@@ -34,26 +34,39 @@ FloatArray = npt.NDArray[np.float64]
 
 @numba.njit(nogil=True, cache=True)
 def _model(
+    flat: FloatImage,
     lens: Geometry,
     f: FloatArray,
     h: FloatArray,
     matrix: FloatArray,
     origin: FloatArray,
     middle: FloatArray,
+    scale: float,
     out: FloatImage,
+    seen: FloatArray,
+    due: FloatArray,
 ) -> None:
+    """Draw the aperture's light; add the picture and it to the bins of each zone: (zones, zones, side, side)."""
     cos, sin = lens[0], lens[1]
+    zones, half = seen.shape[0], seen.shape[2] // 2
     for y in range(out.shape[0]):
+        row = y * zones // out.shape[0]
         for x in range(out.shape[1]):
             a, b = offset_from_lens(float(x), float(y), lens)
-            dx, dy = cos * a - sin * b, sin * a + cos * b
             value = f[min(int(math.sqrt(a * a + b * b) * FINE + 0.5), f.shape[0] - 1)]
             if h.shape[0] > 0:
+                dx, dy = cos * a - sin * b, sin * a + cos * b
                 u, v = x - dx - middle[0], y - dy - middle[1]
                 ex = dx - matrix[0, 0] * u - matrix[0, 1] * v - origin[0]
                 ey = dy - matrix[1, 0] * u - matrix[1, 1] * v - origin[1]
                 value *= h[min(int(math.sqrt(ex * ex + ey * ey) * FINE + 0.5), h.shape[0] - 1)]
-            out[y, x] = max(value, 0.0)
+            light = max(value, 0.0)
+            out[y, x] = light
+            i, j = int(a * scale + half + 0.5), int(b * scale + half + 0.5)
+            if flat[y, x] <= HIGHLIGHT and 0 <= i <= 2 * half and 0 <= j <= 2 * half:
+                column = x * zones // out.shape[1]
+                seen[row, column, j, i] += flat[y, x]
+                due[row, column, j, i] += light
 
 
 @numba.njit(nogil=True, cache=True, inline="always")
@@ -61,25 +74,6 @@ def _between(place: float, last: int) -> tuple[int, float]:
     """Lower of the two nodes about a place, 0…last − 1, and the share of the upper one."""
     place = min(max(place, 0.0), last - 1e-6)
     return int(place), place - int(place)
-
-
-@numba.njit(nogil=True, cache=True)
-def _compare(
-    flat: FloatImage, model: FloatImage, lens: Geometry, scale: float, seen: FloatArray, due: FloatArray
-) -> None:
-    """Add the picture and the model to the bins of the zone of each pixel: (zones, zones, side, side)."""
-    zones, half = seen.shape[0], seen.shape[2] // 2
-    for y in range(flat.shape[0]):
-        row = y * zones // flat.shape[0]
-        for x in range(flat.shape[1]):
-            if flat[y, x] > HIGHLIGHT:
-                continue
-            a, b = offset_from_lens(float(x), float(y), lens)
-            i, j = int(np.rint(a * scale)) + half, int(np.rint(b * scale)) + half
-            column = x * zones // flat.shape[1]
-            if 0 <= i <= 2 * half and 0 <= j <= 2 * half:
-                seen[row, column, j, i] += flat[y, x]
-                due[row, column, j, i] += model[y, x]
 
 
 @numba.njit(nogil=True, cache=True)
@@ -131,12 +125,12 @@ def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
     model, lens = np.empty(flat.shape, np.float32), geometry(lattice)
     f = aperture.f.table()[:, 0]
     h = np.zeros(0) if aperture.h is None else aperture.h.table()[:, 0]
-    _model(lens, f / f.max(), h, aperture.matrix, aperture.origin, aperture.middle, model)
     scale, half = CELLS / lattice.dh, math.ceil(0.62 * CELLS * max(1.0, lattice.dv / lattice.dh)) + 1
     lenses = flat.size / (lattice.dh**2 * lattice.row_pitch)
     zones = int(np.clip(math.sqrt(lenses / LENSES_A_ZONE), 2, MOST_ZONES))
     seen, due = np.zeros((2, zones, zones, 2 * half + 1, 2 * half + 1))
-    _compare(flat, model, lens, scale, seen, due)
+    place = aperture.matrix, aperture.origin, aperture.middle
+    _model(flat, lens, f / f.max(), h, *place, scale, model, seen, due)
     _correct(model, lens, scale, _ratio(seen, due).astype(np.float32))
     return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6)), 1))
 

@@ -78,8 +78,9 @@ def calibrate(
     calibration
         `lfflow.schema.CALIBRATION`, lazy where `raw` is: lattice in sensor pixels and radians (seed equation 6.1),
         its covariance, its bend where a white image shows one (`lfflow.distortion`), ``vignetting(y, x)`` relative to
-        its peak, ``pixel_flags(y, x)``. The lattice is numbered for
-        the grid of the camera model where that is known, else for its own (`Lattice.anchored`).
+        its peak, ``pixel_flags(y, x)``. A picture never gets a bend of its own: its scene displaces the measured
+        centres by more than any lens array does, and as smoothly. The lattice is numbered for the grid of the camera
+        model where that is known, else for its own (`Lattice.anchored`).
 
     Raises
     ------
