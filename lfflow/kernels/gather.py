@@ -32,6 +32,9 @@ _DARK = _F(0.02)
 _FAR = _F(0.5)
 """Disparity above which the rounding of the lens centres decides which lens's sample is the nearest."""
 
+_STARVED = _F(0.2)
+"""Weight of red or blue below which the second nearest row of every view is looked at too."""
+
 _VECTOR: dict[str, Any] = {
     "nogil": True,
     "cache": True,
@@ -138,8 +141,11 @@ def _locate(targets: Any, first: int, count: int, q: Array, samples: Any, place:
 
 
 @numba.njit(**_VECTOR)
-def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array) -> None:
-    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known."""
+def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array, row_beside: bool) -> None:
+    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known.
+
+    Or, `row_beside`, the nearest in the row on the other side of the target: in an F01's rows all have one colour.
+    """
     rows, columns = np.int32(samples.colour.shape[1]), np.int32(samples.colour.shape[2])
     residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
     pitch, half, odd = samples.geometry[0], samples.geometry[1], np.int32(samples.geometry[2])
@@ -149,7 +155,9 @@ def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, 
     for j in range(count):
         n = first + j
         k = np.uint32(max(at[j], 0))
-        row = np.int32(np.floor((y[n] - d[n] * (b[j] + residual_v[k])) * per_row + _F(0.5)))
+        down = (y[n] - d[n] * (b[j] + residual_v[k])) * per_row
+        row = np.int32(np.floor(down + _F(0.5)))
+        row += (np.int32(1) if down > row else np.int32(-1)) if row_beside else np.int32(0)
         shift = half * _F((row + odd) & np.int32(1))
         column = np.int32(np.floor(x[n] - d[n] * (a[j] + residual_u[k]) - shift + _F(0.5)))
         to_x[j], to_y[j] = _F(column) + shift - x[n], _F(row) * pitch - y[n]
@@ -274,6 +282,15 @@ def _sharpen(moments: Array, count: int, lift: Any, planes: Array) -> None:
 
 
 @numba.njit(**_VECTOR)
+def _starved(moments: Array, count: int) -> bool:
+    """Whether red or blue is missing at more than one target of sixteen."""
+    poor = 0
+    for j in range(count):
+        poor += min(moments[0, 0, j], moments[2, 0, j]) < _STARVED
+    return bool(16 * poor > count)
+
+
+@numba.njit(**_VECTOR)
 def _gather(samples: Any, targets: Any, rule: Any, planes: Array) -> None:
     moments = np.empty((3, _MOMENTS, _BLOCK), dtype=np.float32)
     place, found = np.empty((4, _BLOCK), dtype=np.float32), np.empty((3, _BLOCK), dtype=np.float32)
@@ -284,16 +301,19 @@ def _gather(samples: Any, targets: Any, rule: Any, planes: Array) -> None:
         count = min(_BLOCK, targets.x.shape[0] - first)
         moments[:] = 0
         far = np.abs(targets.disparity[first : first + count]).max() > _FAR
-        for q in samples.used:
-            _locate(targets, first, count, samples.aperture[q], samples, place, at)
-            if far:
-                _relocate(targets, first, count, samples, place, at)
-            seen = _fetch(samples, q, at, count, place, found, colours)
-            if seen:
-                _weigh(targets, first, count, place, found, rule)
-            for c in range(3):
-                if seen >> c & 1:
-                    _add(moments[c], np.uint8(c), colours, place, found, count)
+        for row_beside in (False, True):
+            if row_beside and not (far and _starved(moments, count)):
+                continue
+            for q in samples.used:
+                _locate(targets, first, count, samples.aperture[q], samples, place, at)
+                if far:
+                    _relocate(targets, first, count, samples, place, at, row_beside)
+                seen = _fetch(samples, q, at, count, place, found, colours)
+                if seen:
+                    _weigh(targets, first, count, place, found, rule)
+                for c in range(3):
+                    if seen >> c & 1:
+                        _add(moments[c], np.uint8(c), colours, place, found, count)
         block = planes[first : first + count]
         _fit(moments[1], count, level, flat, block[:, 1])
         for c in (0, 2):

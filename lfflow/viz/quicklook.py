@@ -25,7 +25,7 @@ _EPI_ROW, _EPI_LINES = 12, 16
 _MAPS = ("disparity", "disparity_std")
 _DISPARITY = "disparity, lens pitches per view step", cv2.COLORMAP_TURBO
 _ERROR = "standard deviation of the disparity", cv2.COLORMAP_MAGMA
-_BESIDE = 2
+_BESIDE = 3
 """A side view is made of the views from it to the centre, in the rows up to so many above and below."""
 _ANY_SURFACE = Rule(radius=1.3, tolerance=1e3, lift=0.6, stiffness=0.5, likeness=0.5)
 """Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
