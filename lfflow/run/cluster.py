@@ -38,6 +38,9 @@ SETTINGS = {
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
+    # Logs of what went to and fro hold the tasks themselves: tens of kilobytes a capture, up to ten thousand times.
+    "distributed.admin.log-length": 100,
+    "distributed.admin.low-level-log-length": 100,
     # A worker keeps its call stacks of the last hour: tens of megabytes that no task asked for.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.daemon": True,
