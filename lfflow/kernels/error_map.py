@@ -21,8 +21,8 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.0025
-"""What stays without noise: interpolation between lenses (simulated F01)."""
+MODEL_ERROR = 0.0045
+"""What stays without noise: interpolation between lenses, and a calibration that is measured too (simulated F01)."""
 NOISE_FACTOR = 0.7
 """Measured over predicted error of the evidence within `AROUND`: the surface collects it from farther away."""
 APART_SHARE = 0.3
