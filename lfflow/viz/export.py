@@ -68,8 +68,9 @@ def export_capture(
     if to not in WRITERS:
         raise LfflowError(f"no format {to!r}: there are {', '.join(WRITERS)}")
     out.mkdir(parents=True, exist_ok=True)
-    here = [ds.compute(scheduler="synchronous") for ds in (lf, disp)]  # so that the views share what they are made of
-    return WRITERS[to](*here, out / name, options or Options())
+    # in memory, so that the views share what they are made of
+    lf, disp = lf.compute(scheduler="synchronous"), disp.compute(scheduler="synchronous")
+    return WRITERS[to](lf, disp, out / name, options or Options())
 
 
 def _views(lf: xr.Dataset, disp: xr.Dataset, options: Options, offsets: Any = None) -> xr.Dataset:
