@@ -17,12 +17,12 @@ import numpy as np
 
 from lfflow.cameras import ILLUM
 from lfflow.errors import LatticeNotFoundError
-from lfflow.kernels.centres import flatten_scene, lens_centres, measure_centres
-from lfflow.kernels.equalise import equalise
-from lfflow.kernels.lattice_fit import Fit, fit, jacobian, lens_indices, moved
-from lfflow.kernels.likelihood import refine
-from lfflow.kernels.scene_push import unpushed
-from lfflow.kernels.spectrum import start
+from lfflow.kernels.lattice.centres import flatten_scene, lens_centres, measure_centres
+from lfflow.kernels.lattice.fit import Fit, fit, jacobian, lens_indices, moved
+from lfflow.kernels.lattice.likelihood import refine
+from lfflow.kernels.lattice.scene_push import unpushed
+from lfflow.kernels.lattice.spectrum import start
+from lfflow.kernels.sensor.equalise import equalise
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.simulate.optics import Optics, frame_of
 from lfflow.simulate.rays import illuminate

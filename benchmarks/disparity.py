@@ -20,8 +20,8 @@ import xarray as xr
 
 import lfflow
 from lfflow.formats.pfm import read_pfm
-from lfflow.kernels.fusion import FUSIONS, trimmed_sum
-from lfflow.kernels.subpixel import minimum
+from lfflow.kernels.mosaicked.fusion import FUSIONS, trimmed_sum
+from lfflow.kernels.mosaicked.subpixel import minimum
 from lfflow.schema import lattice_of, lattice_variables
 from lfflow.simulate import simulate_capture, simulate_from_views, simulate_white
 from lfflow.stages.demultiplex import demultiplex

@@ -23,10 +23,10 @@ from scipy.ndimage import map_coordinates
 import lfflow
 import lfflow.accessor
 from lfflow.formats.pfm import read_pfm
-from lfflow.kernels.demultiplex import round_to_pixel
-from lfflow.kernels.gather import Rule, Targets, gather
-from lfflow.kernels.guided import fill_colours
-from lfflow.kernels.synthesis import front_and_doubt, one_view, prepare
+from lfflow.kernels.colour.gather import Rule, Targets, gather
+from lfflow.kernels.colour.guided import fill_colours
+from lfflow.kernels.colour.synthesis import front_and_doubt, one_view, prepare
+from lfflow.kernels.sensor.demultiplex import round_to_pixel
 from lfflow.schema import lattice_of
 from lfflow.simulate import Layer, Scene, rays, simulate_capture, simulate_white
 from lfflow.simulate.from_views import simulate_from_views

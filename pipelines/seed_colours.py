@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from lfflow.kernels.centres import climb, lens_centres
-from lfflow.kernels.lattice_fit import fit
+from lfflow.kernels.lattice.centres import climb, lens_centres
+from lfflow.kernels.lattice.fit import fit
 from lfflow.lattice import Lattice
 from pipelines.seed_gray_scene import Gray
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.equalise import equalise
+from lfflow.kernels.sensor.equalise import equalise
 from lfflow.lattice import Lattice
 from lfflow.simulate.optics import Optics, frame_of
 from lfflow.simulate.rays import illuminate

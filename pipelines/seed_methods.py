@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
-from lfflow.kernels.ascent import global_method
-from lfflow.kernels.centres import measure_centres
-from lfflow.kernels.lattice_fit import fit
-from lfflow.kernels.quality import Shape
-from lfflow.kernels.spectrum import start
+from lfflow.kernels.lattice.ascent import global_method
+from lfflow.kernels.lattice.centres import measure_centres
+from lfflow.kernels.lattice.fit import fit
+from lfflow.kernels.lattice.quality import Shape
+from lfflow.kernels.lattice.spectrum import start
 from lfflow.lattice import Lattice
 from pipelines.seed_colours import whole_centres
 from pipelines.seed_gray_scene import AFTER_ALGORITHM_1, TABLE_3, Gray

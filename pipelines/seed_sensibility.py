@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lfflow.kernels.quality import SHAPES, quality
+from lfflow.kernels.lattice.quality import SHAPES, quality
 from lfflow.lattice import Lattice
 from pipelines.seed_gray_scene import SIZE, Gray
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from lfflow.kernels.spectrum import start
+from lfflow.kernels.lattice.spectrum import start
 from pipelines import seed_colours, seed_methods, seed_sensibility
 from pipelines.seed_gray_scene import AFTER_ALGORITHM_1, SIZE, TABLE_3, photograph
 

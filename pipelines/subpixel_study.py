@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.subpixel import minimum
+from lfflow.kernels.mosaicked.subpixel import minimum
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_variables
 from lfflow.stages.costs import pair_costs

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from lfflow.conventions import SITES
-from lfflow.kernels.flatness import MIN_TILES, TILE, Flatness, flatness
+from lfflow.kernels.sensor.flatness import MIN_TILES, TILE, Flatness, flatness
 
 TOLD, CAMERA, CONTENT = "told", "camera", "content"
 _BANDS = (0.2, 0.5, 0.8)

@@ -86,7 +86,7 @@ def disparity_work(extent: Extent, parameters: Mapping[str, Any]) -> int:
     one and those of the paths); or the disparity of every view. The range of disparities is not known before: the
     widest that the defaults search is assumed.
     """
-    from lfflow.kernels.match_field import LONGEST, SECOND_STEP, WIDEST_RANGE
+    from lfflow.kernels.mosaicked.match_field import LONGEST, SECOND_STEP, WIDEST_RANGE
 
     given = parameters.get("disparity", {})
     labels = given.get("hypotheses")

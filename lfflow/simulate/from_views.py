@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.demultiplex import round_to_pixel
+from lfflow.kernels.sensor.demultiplex import round_to_pixel
 from lfflow.kernels.transpose import transpose_map
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_variables

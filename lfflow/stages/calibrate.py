@@ -12,17 +12,17 @@ import xarray as xr
 
 from lfflow.cameras import KNOWN_CAMERAS
 from lfflow.distortion import STRAIGHT
-from lfflow.kernels.centres import flatten_scene, measure_centres
-from lfflow.kernels.defects import HOT, SATURATED, STEPS, aberrant_pixels
-from lfflow.kernels.equalise import equalise, weighted
-from lfflow.kernels.lattice_fit import Fit, fit
-from lfflow.kernels.likelihood import refine
-from lfflow.kernels.radiometry import normalise_levels
-from lfflow.kernels.residual_field import judge, unjudged
-from lfflow.kernels.scene_push import unpushed
-from lfflow.kernels.shade import shade
-from lfflow.kernels.spectrum import start
-from lfflow.kernels.white import white_vignetting
+from lfflow.kernels.lattice.centres import flatten_scene, measure_centres
+from lfflow.kernels.lattice.fit import Fit, fit
+from lfflow.kernels.lattice.likelihood import refine
+from lfflow.kernels.lattice.residual_field import judge, unjudged
+from lfflow.kernels.lattice.scene_push import unpushed
+from lfflow.kernels.lattice.shade import shade
+from lfflow.kernels.lattice.spectrum import start
+from lfflow.kernels.lattice.white import white_vignetting
+from lfflow.kernels.sensor.defects import HOT, SATURATED, STEPS, aberrant_pixels
+from lfflow.kernels.sensor.equalise import equalise, weighted
+from lfflow.kernels.sensor.radiometry import normalise_levels
 from lfflow.lattice import ARRANGEMENTS
 from lfflow.schema import CALIBRATION, PARAMETERS
 from lfflow.schema.declarations import METHOD_FLAGS

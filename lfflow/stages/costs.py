@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
-from lfflow.kernels.mosaic_field import MosaicField
-from lfflow.kernels.pair_cost import INTERPOLATIONS, Interpolation, pair_cost
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField
+from lfflow.kernels.mosaicked.pair_cost import INTERPOLATIONS, Interpolation, pair_cost
 from lfflow.stages.on_field import carried_coords, on_field
 
 Pair = tuple[int, int]

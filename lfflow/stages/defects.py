@@ -10,7 +10,7 @@ import xarray as xr
 
 from lfflow.conventions import SENSOR_DIMS
 from lfflow.errors import LfflowError
-from lfflow.kernels.defects import DEAD, HOT, STEPS, aberrant_pixels, hot_in_dark
+from lfflow.kernels.sensor.defects import DEAD, HOT, STEPS, aberrant_pixels, hot_in_dark
 from lfflow.schema import CALIBRATION
 from lfflow.schema.declarations import PIXEL_FLAGS
 from lfflow.stages.radiometry import normalise

@@ -13,7 +13,7 @@ from lfflow.cameras import KNOWN_CAMERAS, view_radius
 from lfflow.conventions import FIELD_DIMS, SENSOR_DIMS, SITES, VIEW_DIMS
 from lfflow.distortion import Distortion
 from lfflow.errors import LfflowError
-from lfflow.kernels.demultiplex import FieldArrays, demultiplex_frame
+from lfflow.kernels.sensor.demultiplex import FieldArrays, demultiplex_frame
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
 from lfflow.stages.defects import with_defects

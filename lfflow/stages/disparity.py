@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.fusion import FUSIONS, Fusion
-from lfflow.kernels.match_field import Matching, match_field
-from lfflow.kernels.mosaic_field import MosaicField
-from lfflow.kernels.pair_cost import INTERPOLATIONS, Interpolation
-from lfflow.kernels.subpixel import COST_INTERPOLATIONS, CostInterpolation
+from lfflow.kernels.mosaicked.fusion import FUSIONS, Fusion
+from lfflow.kernels.mosaicked.match_field import Matching, match_field
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField
+from lfflow.kernels.mosaicked.pair_cost import INTERPOLATIONS, Interpolation
+from lfflow.kernels.mosaicked.subpixel import COST_INTERPOLATIONS, CostInterpolation
 from lfflow.schema import DISPARITY
 from lfflow.stages.costs import Pair
 from lfflow.stages.on_field import carried_coords, on_field
@@ -58,7 +58,7 @@ def disparity(
         How images ("nearest", "linear", "cubic", "bandlimited") and costs ("none", "parabola", "equiangular", "spline")
         are read between their samples.
     fusion
-        How the costs of pairs and of sides of the aperture become one: see `lfflow.kernels.fusion.fuse_costs`.
+        How the costs of pairs and of sides of the aperture become one: `lfflow.kernels.mosaicked.fusion.fuse_costs`.
     second_pass
         Complete the colours of the central view along the first disparity and compare every sample of every view with
         it.

@@ -12,7 +12,7 @@ import xarray as xr
 from lfflow.conventions import FIELD_DIMS
 from lfflow.distortion import Distortion
 from lfflow.errors import SchemaError
-from lfflow.kernels.mosaic_field import MosaicField, mosaic_field
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField, mosaic_field
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.schema import PARAMETERS, distortion_numbers
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from lfflow.conventions import CFA_NONE, CHANNELS, SENSOR_DIMS, SITES
 from lfflow.errors import LfflowError
-from lfflow.kernels.radiometry import level_tiles, normalise_levels
+from lfflow.kernels.sensor.radiometry import level_tiles, normalise_levels
 
 DataT = TypeVar("DataT", xr.DataArray, xr.Dataset)
 

@@ -12,9 +12,9 @@ import xarray as xr
 from lfflow.conventions import CHANNELS, FIELD_DIMS
 from lfflow.distortion import Distortion
 from lfflow.errors import SchemaError
-from lfflow.kernels.gather import Rule
-from lfflow.kernels.surface_colour import surface_shape
-from lfflow.kernels.synthesis import Capture, Surface, one_view, prepare, surface_of
+from lfflow.kernels.colour.gather import Rule
+from lfflow.kernels.colour.surface_colour import surface_shape
+from lfflow.kernels.colour.synthesis import Capture, Surface, one_view, prepare, surface_of
 from lfflow.lattice import ARRANGEMENTS, Lattice
 from lfflow.schema import DISPARITY, VIEWS, distortion_numbers, lattice_of
 from lfflow.stages.grid import Grid, grid_from, grid_of, square_lattice

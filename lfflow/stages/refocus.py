@@ -11,7 +11,7 @@ import xarray as xr
 
 from lfflow.conventions import FIELD_DIMS
 from lfflow.errors import LfflowError, SchemaError
-from lfflow.kernels.focus import add_on_surface, add_shifted
+from lfflow.kernels.colour.focus import add_on_surface, add_shifted
 from lfflow.stages.grid import Grid, grid_of
 
 Array = npt.NDArray[Any]

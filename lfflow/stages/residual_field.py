@@ -9,11 +9,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.errors import LfflowError
-from lfflow.kernels import residual_field as kernel
-from lfflow.kernels.centres import flatten_scene, measure_centres
-from lfflow.kernels.equalise import equalise
-from lfflow.kernels.lattice_fit import Fit
-from lfflow.kernels.likelihood import measure_lenses, refine
+from lfflow.kernels.lattice import residual_field as kernel
+from lfflow.kernels.lattice.centres import flatten_scene, measure_centres
+from lfflow.kernels.lattice.fit import Fit
+from lfflow.kernels.lattice.likelihood import measure_lenses, refine
+from lfflow.kernels.sensor.equalise import equalise
 from lfflow.schema import distortion_of, lattice_of
 from lfflow.schema.declarations import METHOD_FLAGS
 from lfflow.stages.calibrate import site_indices

@@ -7,7 +7,7 @@ import xarray as xr
 
 from lfflow.conventions import CFA_NONE, FROM_LFTOOLBOX, LENS_DIMS, TO_LFTOOLBOX, VIEW_DIMS
 from lfflow.distortion import Distortion
-from lfflow.kernels.demultiplex import MIN_VIGNETTING, residuals
+from lfflow.kernels.sensor.demultiplex import MIN_VIGNETTING, residuals
 from lfflow.schema import LIGHTFIELD, PARAMETERS, distortion_numbers
 from lfflow.stages.demultiplex import lattices_from
 

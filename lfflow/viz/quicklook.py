@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from lfflow.kernels.gather import Rule
+from lfflow.kernels.colour.gather import Rule
 from lfflow.schema import lattice_of
 from lfflow.stages.epi import epi
 from lfflow.stages.picture import develop, to_integers

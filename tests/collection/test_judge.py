@@ -8,7 +8,7 @@ import xarray as xr
 from tiny_captures import frame_of, lens_pattern
 
 from lfflow.collection.judge import judge
-from lfflow.kernels.flatness import flatness
+from lfflow.kernels.sensor.flatness import flatness
 from lfflow.simulate.body import BODIES, Setting
 from lfflow.simulate.capture import simulate_capture, simulate_white
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from lfflow.kernels.mosaic_field import MosaicField, mosaic_field
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField, mosaic_field
 from lfflow.schema import lattice_of
 from tests.mosaic_fields import lightfield, plane
 

@@ -136,7 +136,7 @@ def test_real_pictures_get_no_correction(shared_data: Path, name: str) -> None:
 
 
 def test_reconstruction_reads_samples_where_the_bent_lenses_lie(bent: tuple[xr.Dataset, np.ndarray]) -> None:
-    from lfflow.kernels.synthesis import prepare
+    from lfflow.kernels.colour.synthesis import prepare
 
     cal, _ = bent
     lf = demultiplex(raw_of(np.zeros(SHAPE), "scene"), cal)

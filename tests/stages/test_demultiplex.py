@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from lfflow.errors import LfflowError
-from lfflow.kernels.demultiplex import MIN_VIGNETTING, SATURATED_WEIGHT, round_to_pixel
+from lfflow.kernels.sensor.demultiplex import MIN_VIGNETTING, SATURATED_WEIGHT, round_to_pixel
 from lfflow.lattice import Lattice
 from lfflow.schema import LIGHTFIELD, lattice_of, lattice_variables
 from lfflow.simulate import simulate_white

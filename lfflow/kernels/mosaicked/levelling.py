@@ -1,0 +1,120 @@
+"""Views brought to the brightness of the central one, where gloss and soft shading move with the viewpoint.
+
+What a view differs by from the completed picture, along a first disparity and smoothed over several lenses, is no
+texture: it is light that changes with the direction. Left in, it pulls the matching of weak texture to wherever the
+picture's own slopes make up for it.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from lfflow.conventions import CFA_NONE
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
+from lfflow.kernels.threads import each
+
+FloatArray = npt.NDArray[np.float32]
+
+DARKEST, LIGHTEST = 0.5, 2.0
+"""Middle sample of a view, as a share of that of the central one, beyond which the view is no picture of the scene."""
+
+
+def without_strangers(field: MosaicField) -> MosaicField:
+    """Field without the views that are far darker or lighter than the central one: black, where others see."""
+    views = field.views()
+    light = {(j, i): np.median(field.mosaic[j, i][field.cfa[j, i] != CFA_NONE]) for j, i in views}
+    mosaic, cfa, _ = field.view(0, 0)
+    if not (cfa != CFA_NONE).any():
+        return field
+    middle = np.median(mosaic[cfa != CFA_NONE])
+    strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
+    if not strangers:
+        return field
+    cfas, weights, mosaics = field.cfa.copy(), field.weight.copy(), field.mosaic.copy()
+    for at in strangers:
+        cfas[at], weights[at], mosaics[at] = CFA_NONE, 0, 0
+    return field._replace(cfa=cfas, weight=weights, mosaic=mosaics)
+
+
+def levelled(
+    field: MosaicField,
+    picture: FloatArray,
+    disparity: FloatArray,
+    *,
+    limit: float,
+    least: float,
+    sigma: float = 3.0,
+    threads: int = 1,
+) -> MosaicField:
+    """Field whose samples have lost their view's smooth difference to `picture` (3, t, s) along `disparity` (t, s).
+
+    Parameters
+    ----------
+    limit
+        Difference, in units of the mosaic, beyond which a sample hardly counts: it may show another surface.
+    least
+        Smooth difference that is taken off by half; less may be what noise and texture make.
+    sigma
+        Gaussian over which the difference is smoothed, lens pitches.
+    """
+    colours = np.ascontiguousarray(np.moveaxis(picture, 0, -1), dtype=np.float32)
+    start = np.ascontiguousarray(disparity, dtype=np.float32)
+    mosaic = field.mosaic.copy()
+
+    def one_view(at: tuple[int, int]) -> None:
+        j, i = at
+        total = np.zeros((2, *disparity.shape), dtype=np.float32)
+        place = np.float32(field.u[i]), np.float32(field.v[j])
+        view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
+        _differences(view, place, field.rho, field.offset, np.float32(field.row_pitch), colours, start,
+                     np.float32(limit), total)  # fmt: skip
+        smooth, weight = (cv2.GaussianBlur(one, (0, 0), sigma, sigmaY=sigma / field.row_pitch) for one in total)
+        smooth /= np.maximum(weight, np.float32(1e-4))
+        square = smooth * smooth
+        mosaic[j, i] -= smooth * square / (square + np.float32(least**2))
+        mosaic[j, i][field.cfa[j, i] == CFA_NONE] = 0
+
+    each(one_view, field.views(), threads)
+    return field._replace(mosaic=mosaic)
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _differences(view, place, rho, offset, pitch, padded, disparity, limit, total):  # type: ignore[no-untyped-def]
+    """Add to (2, t, s), at the places of the view's own samples, their differences and weights."""
+    mosaic, cfa, confidence = view
+    u, v = place
+    rows, columns = disparity.shape
+    one = np.float32(1)
+    narrow = one / (limit * limit)
+    for t in range(rows):
+        for s in range(columns):
+            d = disparity[t, s]
+            if np.isnan(d):
+                continue
+            row, column = shown_by(t, s, d, u, v, offset, pitch)
+            if row < 1 or row >= rows - 1 or column < 1 or column >= columns - 2 or cfa[row, column] > 2:
+                continue
+            x = np.float32(column) + offset[row] + d * (u + rho[0, row, column])
+            y = np.float32(row) + d * (v + rho[1, row, column]) / pitch
+            r = mosaic[row, column] - _read(padded, offset, x, y, cfa[row, column])
+            robust = one / (one + r * r * narrow)
+            w = confidence[row, column] * robust * robust
+            total[0, row, column] += w * r
+            total[1, row, column] += w
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _read(picture, offset, x, y, c):  # type: ignore[no-untyped-def]
+    """Picture (t, s, channel) at X = x, row y, between four lenses: what is smoothed afterwards needs no more."""
+    rows, columns = picture.shape[0], picture.shape[1]
+    top = min(max(int(y), 0), rows - 2)
+    f = y - np.float32(top)
+    upper = min(max(x - offset[top], np.float32(0)), np.float32(columns - 1.001))
+    lower = min(max(x - offset[top + 1], np.float32(0)), np.float32(columns - 1.001))
+    m, n = int(upper), int(lower)
+    first = picture[top, m, c] + (upper - np.float32(m)) * (picture[top, m + 1, c] - picture[top, m, c])
+    second = picture[top + 1, n, c] + (lower - np.float32(n)) * (picture[top + 1, n + 1, c] - picture[top + 1, n, c])
+    return first + f * (second - first)

@@ -1,0 +1,262 @@
+"""Disparity of the central view of a mosaicked field, from its own samples to a map with an error (METHOD 8).
+
+First pass: same-colour pairs of one row or column, where their support allows. Second pass: the central view is
+completed in colour along that disparity, and every sample of every view is compared with it. The costs of the sides of
+the aperture are fused without the worse ones and regularised along the picture's edges. Below the step of the
+hypotheses the samples decide again, joined by a surface of little curvature that also spans what has no texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from lfflow.conventions import CFA_NONE
+from lfflow.kernels.aggregate import regularise
+from lfflow.kernels.colour.completion import complete_centre
+from lfflow.kernels.mosaicked.edge_place import place_edges
+from lfflow.kernels.mosaicked.error_map import TEXTURELESS, error_map, half_range
+from lfflow.kernels.mosaicked.fusion import Fusion, fuse_costs
+from lfflow.kernels.mosaicked.levelling import levelled, without_strangers
+from lfflow.kernels.mosaicked.model_cost import model_costs
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField
+from lfflow.kernels.mosaicked.pair_cost import Interpolation, pair_cost, pair_support
+from lfflow.kernels.mosaicked.refine import Evidence, evidence
+from lfflow.kernels.mosaicked.subpixel import CostInterpolation, minimum
+from lfflow.kernels.mosaicked.surface import lattice_surface
+from lfflow.kernels.threads import each
+
+FloatArray = npt.NDArray[np.float32]
+ByteArray = npt.NDArray[np.uint8]
+Pair = tuple[int, int]
+
+FIRST_RANGE = 1.0
+WIDEST_RANGE = 4.0
+SECOND_STEP = 0.08
+LONGEST = 4
+PRESSED = 0.04
+"""Share of the clear places that may lie at the border before the range is doubled."""
+INNER, OUTER, RIM = 0.58, 0.73, 1.09
+"""Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.3, 6.0)
+"""Price of a change by one step and of a jump, in units of the cost of what fits."""
+EDGE, LEAST_EDGE = 2.0, 0.02
+"""Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
+2.7 times cheaper, and loosens the surface to half."""
+PAIR_NOISE = 1.2
+"""Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
+CLEAR = 4.0
+"""A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
+STRANGE, UNEVEN = 6.0, 0.1
+"""Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
+the mean over several lenses where the light of the view is another."""
+SECOND_BLOCK = 1.0
+"""Gaussian of the second pass, lens pitches."""
+BAND, BAND_REACH = 0.25, 4
+"""The second pass looks so much, and so many lenses, around the first disparity."""
+MOST_DOUBT = 0.1
+"""The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
+ROUNDS = 2
+"""Steps of the refinement below the hypotheses."""
+READ_LEVEL = 0.005
+"""Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
+CLIPPED_WEIGHT = 0.02
+"""A sample with less confidence was clipped by the sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Matching:
+    """What may be chosen (interpolations are compared in pipelines/subpixel_study.py)."""
+
+    pairs: tuple[Pair, ...] | None = None
+    hypotheses: tuple[float, ...] | None = None
+    sigma: float = 1.5
+    interpolation: Interpolation = "cubic"
+    cost_interpolation: CostInterpolation = "parabola"
+    fusion: Fusion = "opposite"
+    second_pass: bool = True
+    regularise: bool = True
+    min_support: float = 0.2
+    threads: int = 1
+
+
+def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
+    """Disparity, std and flags (t, s) of view (0, 0)."""
+    _, colour, confidence = field.view(0, 0)
+    level = without_strangers(field._replace(mosaic=even_noise(field)))
+    found, noise = _first_pass(level, options)
+    if options.second_pass:
+        found, level = _second_pass(level, found, noise, options)
+    found, told, picture = _refined(level, found, noise, options)
+    if options.second_pass and options.regularise:
+        found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
+    known = np.isfinite(found) & inside(field)
+    saturated = (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT)
+    std, flags = error_map(np.where(known, found, np.nan), told, saturated, field, filled=options.regularise)
+    return np.where(known, found, np.nan).astype(np.float32), std, flags
+
+
+def _refined(
+    field: MosaicField, found: FloatArray, noise: float, options: Matching
+) -> tuple[FloatArray, Evidence, FloatArray]:
+    """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
+    for _ in range(ROUNDS):
+        picture, _ = complete_centre(field, found, _doubt(found, 2))
+        told = evidence(field, picture, found, noise=noise, threads=options.threads)
+        if not options.regularise:
+            found = told.disparity
+            continue
+        guide = np.moveaxis(picture, 0, -1)
+        doubt = np.minimum(told.own, MOST_DOUBT)
+        trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
+        found = lattice_surface(told.disparity, trust, found, guide, field.offset, doubt=doubt, edge=_edge(noise))
+    return found, told, picture
+
+
+def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
+    """Lenses (t, s) that lie on the sensor: at least a quarter of the views has a sample there."""
+    count = (field.cfa != CFA_NONE).sum(axis=(0, 1))
+    return np.asarray(count >= max(1, 0.25 * count.max()))
+
+
+def even_noise(field: MosaicField) -> FloatArray:
+    """Root of the radiance (v, u, t, s): photon noise is then the same everywhere, and shadows match like lights."""
+    root = np.sqrt(np.maximum(field.mosaic, 0) + np.float32(READ_LEVEL))
+    return np.where(field.cfa == CFA_NONE, 0, root).astype(np.float32)
+
+
+def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
+    """Pairs of view (0, 0) along its row and column that meet their own colour over the range of small shifts.
+
+    The support is measured on the field itself at shifts of 0, ½ and 1 lens; the longest and the half as long are taken
+    on each side, and the best ones if too few have enough.
+    """
+    across = [(int(a), 0) for a in field.u if 2 <= abs(a) <= LONGEST]
+    down = [(0, int(b)) for b in field.v if 2 <= abs(b) <= LONGEST]
+    support = {pair: pair_support(field, pair) for pair in across + down}
+    good = [pair for pair, share in support.items() if share >= least]
+    if len(good) >= 2:
+        return good
+    return sorted(support, key=lambda pair: -support[pair])[:4]
+
+
+def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, float]:
+    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample."""
+    pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
+    longest = max(max(abs(a), abs(b)) for a, b in pairs)
+    reach = FIRST_RANGE
+    while True:
+        labels = _labels(options, 0.5 / longest, (-reach, reach))
+        cost = partial(pair_cost, field, hypotheses=labels, sigma=options.sigma, min_support=options.min_support,
+                       interpolation=options.interpolation)  # fmt: skip
+        costs = np.stack(each(cost, pairs, options.threads))
+        fused = fuse_costs(costs, labels, options.fusion)
+        found = _decide(fused, labels, None, options, brick=_is_brick(field))
+        clear = _is_clear(fused, found) & inside(field)
+        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(found[clear], reach - 1 / longest):
+            reach *= 2
+            continue
+        if options.hypotheses is None and clear.any():
+            found = np.clip(found, *_span(found[clear]))
+        return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+
+
+def _is_clear(cost: FloatArray, found: FloatArray) -> npt.NDArray[np.bool_]:
+    """Places (t, s) whose block has enough texture for its smallest cost to stand out of the noise."""
+    known = np.isfinite(cost)
+    mean = np.where(known, cost, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    least = np.where(known, cost, np.inf).min(axis=0)
+    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0) & np.isfinite(found))
+
+
+def _presses(found: FloatArray, border: float) -> bool:
+    """Whether disparities of clear places lie at the border of the range."""
+    return bool(found.size) and float(np.mean(np.abs(found) > border)) > PRESSED
+
+
+def _span(found: FloatArray) -> tuple[float, float]:
+    """Range of the disparities of clear places, a little wider."""
+    low, high = np.quantile(found, (0.01, 0.99))
+    return float(low) - 0.15, float(high) + 0.15
+
+
+def _second_pass(
+    field: MosaicField, first: FloatArray, noise: float, options: Matching
+) -> tuple[FloatArray, MosaicField]:
+    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`.
+
+    The field comes back too, with the brightness of its views levelled.
+    """
+    if not np.isfinite(first).any():
+        return first, field
+    labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
+    radius, doubt = field.aperture(), _doubt(first, 3)
+    guide, _ = complete_centre(field, first, doubt)
+    field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
+    inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
+    outer = field.views(OUTER * radius, RIM * radius)
+    costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
+                        threads=options.threads)  # fmt: skip
+    fused = fuse_costs(costs, labels, options.fusion)
+    found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
+    return np.where(np.isfinite(found), found, first).astype(np.float32), field
+
+
+def _band(first: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest disparity (t, s) of the surroundings of each place, a little wider."""
+    size = 2 * BAND_REACH + 1
+    low = minimum_filter(np.where(np.isfinite(first), first, -np.inf), size)
+    high = maximum_filter(np.where(np.isfinite(first), first, np.inf), size)
+    return (low - BAND).astype(np.float32), (high + BAND).astype(np.float32)
+
+
+def _labels(options: Matching, step: float, span: tuple[float, float]) -> npt.NDArray[np.float64]:
+    if options.hypotheses is not None:
+        low, high = min(options.hypotheses), max(options.hypotheses)
+        span, step = (low, high), min(step, (high - low) / max(len(options.hypotheses) - 1, 1)) or step
+    count = max(int(np.ceil((span[1] - span[0]) / step - 1e-9)), 2)
+    return np.asarray(span[0] + step * np.arange(count + 1))
+
+
+def _decide(
+    cost: FloatArray,
+    labels: npt.NDArray[np.float64],
+    picture: FloatArray | None,
+    options: Matching,
+    *,
+    brick: bool,
+    edge: float = 1.0,
+) -> FloatArray:
+    if not options.regularise:
+        return minimum(cost, labels, options.cost_interpolation)[0]
+    penalties = dict(zip(("small", "large"), FIRST_PENALTIES if picture is None else SECOND_PENALTIES, strict=True))
+    guide = None if picture is None else np.moveaxis(picture, 0, -1)
+    return regularise(cost, labels, guide, None, brick=brick, edge=edge, scale=noise_level(cost), **penalties)
+
+
+def noise_level(cost: FloatArray) -> float:
+    """What a cost (hypothesis, t, s) is where it fits: the lower quartile over the places of their smallest cost.
+
+    Unlike the contrast of the costs it depends on the noise alone, not on how much texture a picture has.
+    """
+    least = np.where(np.isfinite(cost), cost, np.inf).min(axis=0)
+    least = least[np.isfinite(least)]
+    return max(float(np.quantile(least, 0.25)), 1e-6) if least.size else 1e-6
+
+
+def _edge(noise: float) -> float:
+    """Change of the picture that counts as an edge."""
+    return max(EDGE * noise, LEAST_EDGE)
+
+
+def _doubt(disparity: FloatArray, reach: int) -> FloatArray:
+    """How far off a disparity may be where it is used to collect colours: near a step it may be the other side's."""
+    return 0.02 + half_range(disparity, reach)
+
+
+def _is_brick(field: MosaicField) -> bool:
+    return bool(field.offset.max() > 0)

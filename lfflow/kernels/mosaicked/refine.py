@@ -1,0 +1,196 @@
+"""What the samples around each lens tell of its disparity, below the step of the hypotheses, and how well they tell it.
+
+One Gauss–Newton step on the same-colour differences of all views to the completed central view (their closed-form
+minimum, METHOD 8.3): with residual r and slope g along d, the step is Σ φ g r / Σ φ g² over a small block φ, and its
+variance σ² / Σ φ g² with σ² the mean squared residual of the block. The slope is that of the fine detail alone: light
+that changes with the viewpoint is smooth, so that it has no part in Σ φ g r and pulls at nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from lfflow.kernels.mosaicked.block import block_sum, block_weights
+from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
+from lfflow.kernels.threads import each
+
+FloatArray = npt.NDArray[np.float32]
+
+DETAIL = 3.0
+"""Gaussian, lens pitches, beyond which a picture's change is no detail."""
+BLOCK, COMPANY = 0.7, 1.2
+"""Gaussian blocks, lens pitches: of the step, and of what has a lens's own colour."""
+LARGEST = 0.1
+"""Longest step, lens pitches per view step; beyond it the picture is not linear."""
+NOISE_SLOPE = 0.3
+"""Mean square of the slope along d that noise alone makes: this times its variance and the aperture's radius squared.
+
+Measured where simulated captures have no texture, with some reserve."""
+_BAND = 32
+
+
+class Evidence(NamedTuple):
+    """What the samples around each lens (t, s) tell.
+
+    Parameters
+    ----------
+    disparity, information
+        Disparity that the lens's block tells by itself, and 1/variance of it.
+    own
+        Its standard deviation from those places alone that have the lens's colour: large where an edge nearby, which
+        may be another surface's, is all that there is to tell.
+    """
+
+    disparity: FloatArray
+    information: FloatArray
+    own: FloatArray
+
+
+def evidence(
+    field: MosaicField,
+    picture: FloatArray,
+    disparity: FloatArray,
+    *,
+    noise: float,
+    limit: float = 4.5,
+    alike: float = 4.0,
+    threads: int = 1,
+) -> Evidence:
+    """What the samples tell at the present `disparity` (t, s) of the view that `picture` (3, t, s) shows.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation of a sample, in units of the mosaic.
+    limit
+        Residual, in units of the noise, beyond which a sample counts as hidden.
+    alike
+        Mean difference of the colours, in units of the noise, beyond which a place hardly has the lens's colour.
+    """
+    rows, columns = disparity.shape
+    start = np.ascontiguousarray(np.where(np.isfinite(disparity), disparity, 0), dtype=np.float32)
+    low = [cv2.GaussianBlur(one, (0, 0), DETAIL, sigmaY=DETAIL / field.row_pitch) for one in picture]
+    both = np.concatenate([picture, picture - np.stack(low)])
+    padded = np.pad(np.moveaxis(both, 0, -1), ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float32)
+    views = np.array([at for at in field.views() if field.u[at[1]] or field.v[at[0]]], dtype=np.int64).reshape(-1, 2)
+    samples = field.mosaic, field.cfa, field.weight
+    axes = field.u.astype(np.float32), field.v.astype(np.float32)
+    pitch, tolerance = np.float32(field.row_pitch), np.float32(limit * noise)
+    sums = np.zeros((4, rows, columns), dtype=np.float32)
+
+    def band(first: int) -> None:
+        span = first, min(first + _BAND, rows)
+        _sums(samples, views, axes, field.rho, field.offset, pitch, padded, start, tolerance, span, sums)
+
+    each(band, range(0, rows, _BAND), threads)
+    brick = bool(field.offset.max() > 0)
+    weights = block_weights(BLOCK, field.row_pitch, brick=brick)
+    bend, slope, square, weight = (block_sum(one, field.offset, *weights) for one in sums)
+    residual = np.maximum(square / np.maximum(weight, 1e-6), np.float32(noise**2))
+    step = np.clip(slope / np.maximum(bend, 1e-12), -LARGEST, LARGEST)
+    near = _own(sums, np.moveaxis(picture, 0, -1).copy(), field.offset, pitch, np.float32(COMPANY),
+                np.float32(3 * alike * noise))  # fmt: skip
+    slack = NOISE_SLOPE * field.aperture() ** 2 * near[1] * residual
+    own = np.sqrt(residual / np.maximum(near[0] - slack, 1e-12))
+    found = np.where(np.isfinite(disparity), start + step, np.nan).astype(np.float32)
+    return Evidence(found, (bend / residual).astype(np.float32), np.minimum(own, 1).astype(np.float32))
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _sums(samples, views, axes, rho, offset, pitch, padded, disparity, limit, span, sums):  # type: ignore[no-untyped-def]
+    """Fill rows `span` of the sums (4, t, s) over the samples of w·g², w·g·r, w·r² and w."""
+    mosaics, colours, confidences = samples
+    rows, columns = disparity.shape
+    one = np.float32(1)
+    narrow = one / (limit * limit)
+    for n in range(views.shape[0]):
+        j, i = views[n]
+        mosaic, cfa, confidence = mosaics[j, i], colours[j, i], confidences[j, i]
+        u, v = axes[0][i], axes[1][j]
+        for t in range(span[0], span[1]):
+            for s in range(columns):
+                d = disparity[t, s]
+                row, column = shown_by(t, s, d, u, v, offset, pitch)
+                if row < 1 or row >= rows - 1 or column < 1 or column >= columns - 2 or cfa[row, column] > 2:
+                    continue
+                a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) / pitch
+                x, y = np.float32(column) + offset[row] + d * a_x, np.float32(row) + d * a_y
+                value, g_x, g_y = read_picture(padded, offset, x, y, cfa[row, column])
+                r = mosaic[row, column] - value
+                g = g_x * a_x + g_y * a_y
+                robust = one / (one + r * r * narrow)
+                w = confidence[row, column] * robust * robust
+                sums[0, t, s] += w * g * g
+                sums[1, t, s] += w * g * r
+                sums[2, t, s] += w * r * r
+                sums[3, t, s] += w
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def read_picture(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
+    """Picture at X = x, row y, and the slopes to the right (per lens) and down (per row) of its detail.
+
+    The channels of `padded` are the colours and, behind them, their detail.
+    """
+    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
+    fine = c + padded.shape[2] // 2
+    upper = min(max(int(np.floor(y)), 0), rows - 2)
+    p_0, e_0, q_0 = _row(padded, upper, x - offset[max(upper - 1, 0)], columns, c, fine)
+    p_1, e_1, q_1 = _row(padded, upper + 1, x - offset[upper], columns, c, fine)
+    p_2, e_2, q_2 = _row(padded, upper + 2, x - offset[upper + 1], columns, c, fine)
+    p_3, e_3, q_3 = _row(padded, upper + 3, x - offset[min(upper + 2, rows - 1)], columns, c, fine)
+    f = min(max(y - np.float32(upper), np.float32(0)), np.float32(1))
+    value, _ = _cubic(p_0, p_1, p_2, p_3, f)
+    _, down = _cubic(e_0, e_1, e_2, e_3, f)
+    right, _ = _cubic(q_0, q_1, q_2, q_3, f)
+    return value, right, down
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _row(padded, row, place, columns, c, fine):  # type: ignore[no-untyped-def]
+    """Colour, detail and slope of the detail at a place of a row."""
+    place = min(max(place, np.float32(0)), np.float32(columns - 1))
+    left = min(int(place), columns - 2)
+    f = place - np.float32(left)
+    near = padded[row, left : left + 4]
+    value, _ = _cubic(near[0, c], near[1, c], near[2, c], near[3, c], f)
+    detail, slope = _cubic(near[0, fine], near[1, fine], near[2, fine], near[3, fine], f)
+    return value, detail, slope
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _cubic(p_0, p_1, p_2, p_3, f):  # type: ignore[no-untyped-def]
+    """Value and slope at `f` between the middle two of four samples (Keys): a line moves fine texture to the lenses."""
+    half, two, three = np.float32(0.5), np.float32(2), np.float32(3)
+    linear = half * (p_2 - p_0)
+    square = p_0 - np.float32(2.5) * p_1 + two * p_2 - half * p_3
+    cube = half * (p_3 - p_0) + (p_1 - p_2) * np.float32(1.5)
+    return p_1 + f * (linear + f * (square + f * cube)), linear + f * (two * square + three * f * cube)
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _own(sums, picture, offset, pitch, sigma, alike):  # type: ignore[no-untyped-def]
+    """Sums (2, t, s) of w·g² and w over a block of places that have the lens's colour, Gaussian of `sigma`."""
+    rows, columns, channels = picture.shape
+    reach = int(np.ceil(2 * sigma))
+    narrow, one = np.float32(-0.5) / (sigma * sigma), np.float32(1)
+    out = np.zeros((2, rows, columns), dtype=np.float32)
+    for down in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            for t in range(max(0, -down), min(rows, rows - down)):
+                x, y = np.float32(right) + offset[t + down] - offset[t], np.float32(down) * pitch
+                phi = np.exp(narrow * (x * x + y * y))
+                for s in range(max(0, -right), min(columns, columns - right)):
+                    change = np.float32(0)
+                    for c in range(channels):
+                        change += abs(picture[t + down, s + right, c] - picture[t, s, c])
+                    share = one / (one + (change / alike) ** 2)
+                    near = phi * share * share
+                    out[0, t, s] += near * sums[0, t + down, s + right]
+                    out[1, t, s] += near * sums[3, t + down, s + right]
+    return out
