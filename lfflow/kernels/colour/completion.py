@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
+from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -21,6 +22,7 @@ def complete_centre(
     *,
     within: float = math.inf,
     reach: float = 0.45,
+    threads: int = 1,
 ) -> tuple[FloatArray, FloatArray]:
     """Picture and its weight (3, t, s) of the view at aperture point (0, 0).
 
@@ -38,28 +40,33 @@ def complete_centre(
     known = np.isfinite(disparity)
     d = np.where(known, disparity, 0).astype(np.float32)
     doubt = np.where(known, std, 1).astype(np.float32) ** 2
-    for j, i in field.views(0, within):
-        view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
-        place = np.float32(field.u[i]), np.float32(field.v[j])
-        _gather(view, place, field.rho, field.offset, np.float32(field.row_pitch), d, doubt, np.float32(reach), picture,
-                weight, aside)  # fmt: skip
+    pitch = np.float32(field.row_pitch)
+
+    def band(span: tuple[int, int]) -> None:
+        for j, i in field.views(0, within):
+            view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
+            place = np.float32(field.u[i]), np.float32(field.v[j])
+            _gather(view, place, field.rho, field.offset, pitch, d, doubt, np.float32(reach), span, picture, weight,
+                    aside)  # fmt: skip
+
+    each(band, bands(rows), threads)
     total = np.maximum(weight, np.float32(1e-12))
     picture /= total
     aside /= total
     _spread(picture, weight)
-    _centre(picture.copy(), aside, field.offset, np.float32(field.row_pitch), picture)
+    _centre(picture.copy(), aside, field.offset, pitch, picture)
     return picture, weight
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, picture, weight, aside):  # type: ignore[no-untyped-def]
-    """Add the samples of one view to the sums of the colours and of their weights."""
+def _gather(view, place, rho, offset, pitch, disparity, doubt, reach, span, picture, weight, aside):  # type: ignore[no-untyped-def]
+    """Add the samples of one view, in the rows of `span`, to the sums of the colours and of their weights."""
     mosaic, cfa, confidence = view
     u, v = place
-    rows, columns = disparity.shape
+    columns = disparity.shape[1]
     narrow = np.float32(-0.5) / (reach * reach)
     spread = np.float32(4) * (u * u + v * v)
-    for t in range(rows):
+    for t in range(span[0], span[1]):
         for s in range(columns):
             d = disparity[t, s]
             row, column = shown_by(t, s, d, u, v, offset, pitch)

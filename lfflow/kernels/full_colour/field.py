@@ -83,9 +83,3 @@ def view_field(rgb: FloatArray, u: IntArray, v: IntArray, threads: int) -> ViewF
     layers = np.stack(each(detail_and_base, list(rgb[there]), threads))
     guide = np.ascontiguousarray(rgb[there & central][0])
     return ViewField(layers, right[there].astype(np.int64), down[there].astype(np.int64), guide)
-
-
-def bands(rows: int) -> list[tuple[int, int]]:
-    """First row and the one after the last, of bands that threads share out."""
-    height = 32
-    return [(first, min(first + height, rows)) for first in range(0, rows, height)]

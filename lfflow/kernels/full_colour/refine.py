@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.full_colour.field import ViewField, bands
+from lfflow.kernels.full_colour.field import ViewField
 from lfflow.kernels.full_colour.line_fit import normal_equations
 from lfflow.kernels.full_colour.surface import fit_surface
 from lfflow.kernels.full_colour.visibility import seen_by
-from lfflow.kernels.threads import each
+from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.intp]

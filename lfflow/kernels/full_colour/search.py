@@ -11,8 +11,8 @@ import numpy.typing as npt
 from lfflow.kernels.aggregate import accumulate, winner
 from lfflow.kernels.full_colour.cost import half_plane_volume, padded, sectors
 from lfflow.kernels.full_colour.cost_filter import CostFilter
-from lfflow.kernels.full_colour.field import ViewField, bands
-from lfflow.kernels.threads import each
+from lfflow.kernels.full_colour.field import ViewField
+from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 

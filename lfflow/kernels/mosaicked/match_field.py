@@ -87,7 +87,7 @@ class Matching:
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
-    level = without_strangers(field._replace(mosaic=even_noise(field)))
+    level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
     found, noise = _first_pass(level, options)
     if options.second_pass:
         found, level = _second_pass(level, found, noise, options)
@@ -105,7 +105,7 @@ def _refined(
 ) -> tuple[FloatArray, Evidence, FloatArray]:
     """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
     for _ in range(ROUNDS):
-        picture, _ = complete_centre(field, found, _doubt(found, 2))
+        picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
         told = evidence(field, picture, found, noise=noise, threads=options.threads)
         if not options.regularise:
             found = told.disparity
@@ -123,10 +123,16 @@ def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
     return np.asarray(count >= max(1, 0.25 * count.max()))
 
 
-def even_noise(field: MosaicField) -> FloatArray:
+def even_noise(field: MosaicField, threads: int = 1) -> FloatArray:
     """Root of the radiance (v, u, t, s): photon noise is then the same everywhere, and shadows match like lights."""
-    root = np.sqrt(np.maximum(field.mosaic, 0) + np.float32(READ_LEVEL))
-    return np.where(field.cfa == CFA_NONE, 0, root).astype(np.float32)
+    root = np.empty_like(field.mosaic)
+
+    def row_of_views(j: int) -> None:
+        light = np.maximum(field.mosaic[j], 0) + np.float32(READ_LEVEL)
+        root[j] = np.where(field.cfa[j] == CFA_NONE, np.float32(0), np.sqrt(light))
+
+    each(row_of_views, range(len(field.v)), threads)
+    return root
 
 
 def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
@@ -195,9 +201,9 @@ def _second_pass(
         return first, field
     labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
     radius, doubt = field.aperture(), _doubt(first, 3)
-    guide, _ = complete_centre(field, first, doubt)
+    guide, _ = complete_centre(field, first, doubt, threads=options.threads)
     field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
-    inner, _ = complete_centre(field, first, doubt, within=INNER * radius)
+    inner, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
     outer = field.views(OUTER * radius, RIM * radius)
     costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip

@@ -88,9 +88,9 @@ def mosaic_field(
         present = (cfa != CFA_NONE) & np.isfinite(mosaic) & (weight > 0)
     rho = np.stack(residuals(lattice, t, s, distortion)).astype(np.float32)
     return MosaicField(
-        np.where(present, mosaic, 0).astype(np.float32),
-        np.where(present, cfa, CFA_NONE).astype(np.uint8),
-        np.where(present, weight, 0).astype(np.float32),
+        np.where(present, mosaic, 0).astype(np.float32, copy=False),
+        np.where(present, cfa, CFA_NONE).astype(np.uint8, copy=False),
+        np.where(present, weight, 0).astype(np.float32, copy=False),
         np.asarray(u, dtype=np.int64),
         np.asarray(v, dtype=np.int64),
         lattice.row_offset(t).astype(np.float32),

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lfflow.kernels.mosaicked.block import block_sum, block_weights
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
-from lfflow.kernels.threads import each
+from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -31,7 +31,6 @@ NOISE_SLOPE = 0.3
 """Mean square of the slope along d that noise alone makes: this times its variance and the aperture's radius squared.
 
 Measured where simulated captures have no texture, with some reserve."""
-_BAND = 32
 
 
 class Evidence(NamedTuple):
@@ -83,11 +82,10 @@ def evidence(
     pitch, tolerance = np.float32(field.row_pitch), np.float32(limit * noise)
     sums = np.zeros((4, rows, columns), dtype=np.float32)
 
-    def band(first: int) -> None:
-        span = first, min(first + _BAND, rows)
+    def band(span: tuple[int, int]) -> None:
         _sums(samples, views, axes, field.rho, field.offset, pitch, padded, start, tolerance, span, sums)
 
-    each(band, range(0, rows, _BAND), threads)
+    each(band, bands(rows), threads)
     brick = bool(field.offset.max() > 0)
     weights = block_weights(BLOCK, field.row_pitch, brick=brick)
     bend, slope, square, weight = (block_sum(one, field.offset, *weights) for one in sums)
