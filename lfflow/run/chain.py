@@ -104,7 +104,7 @@ class Chain:
 
     open_raw: Callable[[str], xr.Dataset]
     stages: tuple[Stage, ...]
-    draw: Callable[[xr.Dataset, xr.Dataset, str], None] | None = None
+    draw: Callable[[xr.Dataset, xr.Dataset, str, int], None] | None = None
     open_damaged: Callable[[str], xr.Dataset] | None = None
 
     def accepting_damage(self) -> Chain:
@@ -187,10 +187,10 @@ def _disparity(given: StageInput) -> xr.Dataset:
     return transpose_disparity(central, lightfield, **given.parameters.get("transpose", {}))
 
 
-def _draw(lightfield: xr.Dataset, disparity: xr.Dataset, path: str) -> None:
+def _draw(lightfield: xr.Dataset, disparity: xr.Dataset, path: str, threads: int) -> None:
     from lfflow.viz.quicklook import draw_quicklook
 
-    draw_quicklook(lightfield, disparity, path)
+    draw_quicklook(lightfield, disparity, path, threads=threads)
 
 
 CHAIN = Chain(

@@ -18,16 +18,15 @@ def picture_name(capture: str) -> str:
     return f"{FOLDER}/{capture}.png"
 
 
-def draw(collection: Collection, capture: str, chain: Chain = CHAIN) -> None:
+def draw(collection: Collection, capture: str, chain: Chain = CHAIN, threads: int = 1) -> None:
     """Draw a capture, if its light field and its disparity are finished, and keep the picture in the collection."""
     lightfield, disparity = (collection.ledger.find(stage, capture) for stage in ("lightfield", "disparity"))
     if chain.draw is None or lightfield is None or disparity is None:
         return
     with _drawing, tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
-        chain.draw(
-            collection.store("lightfield").read(lightfield), collection.store("disparity").read(disparity), str(path)
-        )
+        pair = collection.store("lightfield").read(lightfield), collection.store("disparity").read(disparity)
+        chain.draw(*pair, str(path), threads)
         collection.storage.write(picture_name(capture), path.read_bytes())
 
 

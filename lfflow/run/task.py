@@ -260,7 +260,7 @@ def _draw(collection: Collection, work: Work, statuses: list[Status]) -> None:
         return
     try:
         if last.state == "done" or not collection.storage.has(picture_name(work.job.capture)):
-            draw(collection, work.job.capture, work.chain)
+            draw(collection, work.job.capture, work.chain, work.threads)
     except Exception as error:  # noqa: BLE001 - see the docstring
         _log.warning("no picture of %s: %s", work.job.capture, error)
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.kernels.colour.gather import Rule
+from lfflow.kernels.threads import each
 from lfflow.schema import lattice_of
 from lfflow.stages.epi import epi
 from lfflow.stages.picture import develop, to_integers
@@ -31,7 +32,9 @@ _ANY_SURFACE = Rule(radius=1.3, tolerance=1e3, lift=0.6, stiffness=0.5, likeness
 """Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
 
 
-def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os.PathLike[str]) -> None:
+def draw_quicklook(
+    lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os.PathLike[str], *, threads: int = 1
+) -> None:
     """Draw a capture as a PNG.
 
     Left view, centre view with everything in focus, right view; focused near and far; an epipolar image with the
@@ -45,15 +48,17 @@ def draw_quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, path: str | os
         Schema DISPARITY, or the central view alone (t, s); the same capture.
     path
         The PNG to write.
+    threads
+        Cores to use; the picture does not depend on it.
     """
-    Path(path).write_bytes(quicklook(one_capture(lightfield), one_capture(disparity)).png())
+    Path(path).write_bytes(quicklook(one_capture(lightfield), one_capture(disparity), threads=threads).png())
 
 
-def quicklook(lightfield: xr.Dataset, disparity: xr.Dataset) -> Canvas:
+def quicklook(lightfield: xr.Dataset, disparity: xr.Dataset, *, threads: int = 1) -> Canvas:
     """The sheet of `draw_quicklook`."""
     disparity = _every_view(lightfield, disparity)
     row = telling_row(disparity)
-    pictures = _pictures(lightfield, disparity)
+    pictures = _pictures(lightfield, disparity, threads)
     squares = {name: to_square(picture, lightfield) for name, picture in pictures.items()}
     box = shown_box(squares["centre view, everything in focus"])
     height = round(_SIDE * (box[1] - box[0]) / max(box[3] - box[2], 1))
@@ -92,16 +97,19 @@ def _every_view(lightfield: xr.Dataset, disparity: xr.Dataset) -> xr.Dataset:
     return lone.expand_dims(v=lightfield["v"].values, u=lightfield["u"].values)
 
 
-def _pictures(lightfield: xr.Dataset, disparity: xr.Dataset) -> dict[str, FloatImage]:
+def _pictures(lightfield: xr.Dataset, disparity: xr.Dataset, threads: int) -> dict[str, FloatImage]:
     """Screen values (t, s, channel) of five pictures, all under one exposure."""
     side = max(usable_reach(lightfield), 1)
     far, near = robust_limits(central(disparity, "disparity"), 10, 90)
     views = [("left view", -side), ("centre view, everything in focus", 0), ("right view", side)]
-    found = {f"{label} (v = 0, u = {u})" if u else label: _view(lightfield, disparity, u) for label, u in views}
+    wanted: dict[str, tuple[xr.Dataset, int, Rule | None]] = {
+        f"{label} (v = 0, u = {u})" if u else label: (disparity, u, None) for label, u in views
+    }
     for label, d in (("focused near", near), ("focused far", far)):
-        found[f"{label} (disparity {d:+.2f})"] = _view(lightfield, _plane(disparity, d), 0, _ANY_SURFACE)
-    shown = develop(xr.concat(list(found.values()), "picture"), lightfield)
-    return dict(zip(found, shown.transpose("picture", "t", "s", "channel").values, strict=True))
+        wanted[f"{label} (disparity {d:+.2f})"] = _plane(disparity, d), 0, _ANY_SURFACE
+    found = each(lambda picture: _view(lightfield, *picture), wanted.values(), threads)
+    shown = develop(xr.concat(found, "picture"), lightfield)
+    return dict(zip(wanted, shown.transpose("picture", "t", "s", "channel").values, strict=True))
 
 
 def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
