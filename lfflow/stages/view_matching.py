@@ -37,7 +37,7 @@ class Settings:
     small, large
         Penalties of the aggregation (`lfflow.kernels.aggregate.regularise`).
     stiffness
-        Information of a straight surface against that of the views (`lfflow.kernels.full_colour.surface.fit_surface`).
+        Information of a straight surface against that of the views (`lfflow.kernels.surface.fit_surface`).
     rounds
         Steps of the refinement.
     widest

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from lfflow.kernels.full_colour.field import ViewField
 from lfflow.kernels.full_colour.line_fit import normal_equations
-from lfflow.kernels.full_colour.surface import fit_surface
 from lfflow.kernels.full_colour.visibility import seen_by
+from lfflow.kernels.surface import fit_surface, square_axes
 from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
@@ -25,6 +25,8 @@ _APART = np.float32(4)
 _REACH = np.float32(0.15)
 """Longest step; beyond it the views are not linear in the disparity."""
 _HIDES = np.float32(0.1)
+_JUMP, _EDGE = 0.08, 0.05
+"""Second difference, and change of the picture, at which the surface may break."""
 
 
 class Refined(NamedTuple):
@@ -108,17 +110,19 @@ def refine(
     largest
         Largest |disparity|.
     stiffness
-        `lfflow.kernels.full_colour.surface.fit_surface`.
+        `lfflow.kernels.surface.fit_surface`.
     rounds
         Steps, at least one.
     """
     lines = _lines(field, largest, threads)
     disparity = np.asarray(start, dtype=np.float32)
+    axes = square_axes(len(disparity))
     for left in reversed(range(rounds)):
         views = np.arange(len(field.u)) if left == 0 else lines.thinned()
         step, curvature, residual = lines.fit(disparity, noise, views)
         noise = max(float(np.median(residual)), 1e-9)
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step
-        disparity = fit_surface(own, information * np.float32(0.5), disparity, field.guide, stiffness=stiffness)
+        disparity = fit_surface(own, information * np.float32(0.5), disparity, field.guide, axes, stiffness=stiffness,
+                                jump=_JUMP, edge=_EDGE, rounds=2)  # fmt: skip
     return Refined(disparity, own, information, residual, noise)

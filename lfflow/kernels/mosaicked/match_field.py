@@ -27,7 +27,7 @@ from lfflow.kernels.mosaicked.mosaic_field import MosaicField
 from lfflow.kernels.mosaicked.pair_cost import Interpolation, pair_cost, pair_support
 from lfflow.kernels.mosaicked.refine import Evidence, evidence
 from lfflow.kernels.mosaicked.subpixel import CostInterpolation, minimum
-from lfflow.kernels.mosaicked.surface import lattice_surface
+from lfflow.kernels.surface import fit_surface, lattice_axes
 from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
@@ -58,6 +58,8 @@ SECOND_BLOCK = 1.0
 """Gaussian of the second pass, lens pitches."""
 BAND, BAND_REACH = 0.25, 4
 """The second pass looks so much, and so many lenses, around the first disparity."""
+STIFFNESS, JUMP = 2e4, 0.03
+"""Of the surface, `lfflow.kernels.surface.fit_surface`."""
 MOST_DOUBT = 0.1
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
 ROUNDS = 2
@@ -104,6 +106,7 @@ def _refined(
     field: MosaicField, found: FloatArray, noise: float, options: Matching
 ) -> tuple[FloatArray, Evidence, FloatArray]:
     """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
+    axes = lattice_axes(field.offset)
     for _ in range(ROUNDS):
         picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
         told = evidence(field, picture, found, noise=noise, threads=options.threads)
@@ -113,7 +116,8 @@ def _refined(
         guide = np.moveaxis(picture, 0, -1)
         doubt = np.minimum(told.own, MOST_DOUBT)
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
-        found = lattice_surface(told.disparity, trust, found, guide, field.offset, doubt=doubt, edge=_edge(noise))
+        found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
+                            jump=np.hypot(JUMP, doubt), edge=_edge(noise))  # fmt: skip
     return found, told, picture
 
 

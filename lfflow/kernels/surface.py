@@ -1,9 +1,9 @@
-"""Variational surface on the lattice: little curvature, through what each lens tells and as well as it tells it.
+"""Variational surface: little curvature, through what each place tells and as well as it tells it.
 
-Minimises Σ w (d − d*)² + Σ g (second difference of d along each row of lenses)². d* is what a lens tells by itself, w
-the inverse of its variance; g falls where the picture has an edge and where the present surface bends, so that steps
-stay. What tells nothing (w ≈ 0) continues its surroundings. The rows of lenses are the three of the brick layout or the
-two of the square one, so that a plane has no curvature and nothing is resampled.
+Minimises Σ w (d − d*)² + Σ g (second difference of d along each axis of neighbours)². d* is what a place tells by
+itself, w the inverse of its variance; g falls where the picture has an edge and where the present surface bends, so
+that steps stay. What tells nothing (w ≈ 0) continues its surroundings. The axes are the rows of lenses of the brick
+layout, or the rows, columns and diagonals of the square one, so that a plane has no curvature and nothing is resampled.
 """
 
 from __future__ import annotations
@@ -13,23 +13,52 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
 
 _FLAGS = {"nsz", "contract"}
 _ANCHOR = np.float32(1e-3)
 """Information with which the start is held: what nothing else decides stays there."""
+_ACROSS, _DOWN, _FALLING, _RISING = (0, -1, 0, 1), (-1, 0, 1, 0), (-1, -1, 1, 1), (-1, 1, 1, -1)
 
 
-def lattice_surface(
+def square_axes(rows: int) -> IntArray:
+    """Axes (t, axis, 4) of the square grid: its rows, columns and diagonals; see `lattice_axes`."""
+    return np.tile(np.array([_ACROSS, _DOWN, _FALLING, _RISING]), (rows, 1, 1))
+
+
+def lattice_axes(offset: FloatArray) -> IntArray:
+    """Rows and columns, relative to a lens, of its neighbours on both sides along each row of lenses.
+
+    Parameters
+    ----------
+    offset
+        (t,) X of lens s=0 of each row, lens pitches.
+
+    Returns
+    -------
+    (t, axis, 4): row and column of the one neighbour, row and column of the other; three axes of the brick layout, two
+    of the square one.
+    """
+    if offset.max() == offset.min():
+        return np.tile(np.array([_ACROSS, _DOWN]), (len(offset), 1, 1))
+    inner, outer = (
+        np.array([_ACROSS, (-1, -1, 1, 0), (-1, 0, 1, -1)]),
+        np.array([_ACROSS, (-1, 0, 1, 1), (-1, 1, 1, 0)]),
+    )
+    return np.where((offset == offset.max())[:, None, None], outer, inner)
+
+
+def fit_surface(
     target: FloatArray,
     information: FloatArray,
     start: FloatArray,
     guide: FloatArray,
-    offset: FloatArray,
+    axes: IntArray,
     *,
-    doubt: FloatArray,
+    stiffness: float,
+    jump: float | FloatArray,
     edge: float,
-    stiffness: float = 2e4,
-    jump: float = 0.03,
+    rounds: int = 1,
     iterations: int = 60,
 ) -> FloatArray:
     """Disparity (t, s) of the surface; NaN where `start` is.
@@ -37,57 +66,43 @@ def lattice_surface(
     Parameters
     ----------
     target, information
-        (t, s) disparity that each lens tells by itself, and its 1/variance.
+        (t, s) disparity that each place tells by itself, and its 1/variance.
     start
         (t, s) first disparity.
     guide
         (t, s, channel) picture of the same view.
-    offset
-        (t,) X of lens s=0 of each row, lens pitches.
-    doubt
-        (t, s) by how much more it may bend without breaking: what has no texture knows of no step.
-    edge
-        Mean change of the picture, over the channels, that loosens the surface to half.
+    axes
+        `lattice_axes` or `square_axes`.
     stiffness
         1/variance of the second difference on a surface.
     jump
-        Second difference at which the surface may break.
-    iterations
-        Steps of conjugate gradients.
+        Second difference at which the surface may break, for all or (t, s): what has no texture knows of no step.
+    edge
+        Mean change of the picture, over the channels, that loosens the surface to half.
+    rounds, iterations
+        How often the bonds follow the surface, and steps of conjugate gradients each time.
     """
     known = np.isfinite(start)
     if not known.any():
         return start
-    first = np.where(known, start, np.median(start[known])).astype(np.float32)
+    d = np.where(known, start, np.median(start[known])).astype(np.float32)
     held = np.where(known, information, 0).astype(np.float32)
-    pull = held * np.where(known, target, 0).astype(np.float32) + _ANCHOR * first
-    place = np.ascontiguousarray(offset, dtype=np.float32)
-    bends = (np.float32(jump**2) + np.asarray(doubt, dtype=np.float32) ** 2).astype(np.float32)
-    bonds = _bonds(first, np.ascontiguousarray(guide, dtype=np.float32), place, np.float32(stiffness), bends,
-                   np.float32(edge))  # fmt: skip
-    _solve(first, held + _ANCHOR, pull, bonds, place, iterations)
-    return np.where(known, first, np.float32(np.nan))
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _sides(axis, t, offset):  # type: ignore[no-untyped-def]
-    """Rows and columns, relative to a lens of row t, of its neighbours on both sides along an axis."""
-    if axis == 0:
-        return 0, -1, 0, 1
-    if offset[t] == offset[t - 1]:
-        return -1, 0, 1, 0
-    left = -1 if offset[t] < offset[t - 1] else 0
-    return (-1, left, 1, left + 1) if axis == 1 else (-1, left + 1, 1, left)
+    told = held * np.where(known, target, 0).astype(np.float32)
+    picture = np.ascontiguousarray(guide, dtype=np.float32)
+    bends = np.broadcast_to(np.square(np.asarray(jump, dtype=np.float32)), d.shape)
+    for _ in range(rounds):
+        bonds = _bonds(d, picture, axes, np.float32(stiffness), bends, np.float32(edge))
+        _solve(d, held + _ANCHOR, told + _ANCHOR * d, bonds, axes, iterations)
+    return np.where(known, d, np.float32(np.nan))
 
 
 @numba.njit(nogil=True, cache=True)
-def _bonds(d, guide, offset, stiffness, bends, edge):  # type: ignore[no-untyped-def]
+def _bonds(d, guide, axes, stiffness, bends, edge):  # type: ignore[no-untyped-def]
     rows, columns, channels = guide.shape
-    axes = 3 if offset.max() > offset.min() else 2
-    out = np.zeros((axes, rows, columns), dtype=np.float32)
-    for axis in range(axes):
+    out = np.zeros((axes.shape[1], rows, columns), dtype=np.float32)
+    for axis in range(axes.shape[1]):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = _sides(axis, t, offset)
+            t0, s0, t1, s1 = axes[t, axis]
             for s in range(1, columns - 1):
                 bend = d[t + t0, s + s0] - 2 * d[t, s] + d[t + t1, s + s1]
                 change = np.float32(0)
@@ -101,13 +116,13 @@ def _bonds(d, guide, offset, stiffness, bends, edge):  # type: ignore[no-untyped
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _apply(d, held, bonds, offset, out):  # type: ignore[no-untyped-def]
+def _apply(d, held, bonds, axes, out):  # type: ignore[no-untyped-def]
     """Half the gradient of the energy, without the pull."""
     rows, columns = d.shape
     out[:] = held * d
     for axis in range(bonds.shape[0]):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = _sides(axis, t, offset)
+            t0, s0, t1, s1 = axes[t, axis]
             before, here, after = d[t + t0], d[t], d[t + t1]
             to_before, to_here, to_after = out[t + t0], out[t], out[t + t1]
             for s in range(1, columns - 1):
@@ -118,12 +133,12 @@ def _apply(d, held, bonds, offset, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def _diagonal(held, bonds, offset):  # type: ignore[no-untyped-def]
+def _diagonal(held, bonds, axes):  # type: ignore[no-untyped-def]
     rows, columns = held.shape
     out = held.copy()
     for axis in range(bonds.shape[0]):
         for t in range(1, rows - 1):
-            t0, s0, t1, s1 = _sides(axis, t, offset)
+            t0, s0, t1, s1 = axes[t, axis]
             for s in range(1, columns - 1):
                 out[t, s] += 4 * bonds[axis, t, s]
                 out[t + t0, s + s0] += bonds[axis, t, s]
@@ -143,17 +158,17 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _solve(d, held, pull, bonds, offset, iterations):  # type: ignore[no-untyped-def]
+def _solve(d, held, pull, bonds, axes, iterations):  # type: ignore[no-untyped-def]
     """Conjugate gradients with the diagonal as preconditioner, started from `d`, in place."""
     rows, columns = d.shape
-    inverse = np.float32(1) / _diagonal(held, bonds, offset)
+    inverse = np.float32(1) / _diagonal(held, bonds, axes)
     product = np.empty_like(d)
-    _apply(d, held, bonds, offset, product)
+    _apply(d, held, bonds, axes, product)
     rest = pull - product
     way = rest * inverse
     energy = _dot(rest, way)
     for _ in range(iterations):
-        _apply(way, held, bonds, offset, product)
+        _apply(way, held, bonds, axes, product)
         bend = _dot(way, product)
         if bend <= 0 or energy <= 0:
             return
