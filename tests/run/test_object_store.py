@@ -106,6 +106,7 @@ def lfflow(*arguments):
 
 def test_every_command_works_on_a_bucket(bucket, tmp_path):
     simulate_collection(tmp_path / "raw", captures=2, height=320, width=320)
+    assert json.loads(lfflow("scan", tmp_path / "raw", "--json", "--out", bucket))["kinds"] == {"scene": 2, "white": 1}
     run_it = ("run", tmp_path / "raw", "--workers", "processes:2", "--json", "--out")
     assert json.loads(lfflow(*run_it, bucket))["counts"] == {"done": 5}
     assert json.loads(lfflow(*run_it, bucket))["counts"] == {"kept": 5}
