@@ -200,7 +200,7 @@ CHAIN = Chain(
               {"calibration": "lfflow.stages.calibrate:calibrate"}, calibration_work, 1.0, 0.2, uses_darks=True),
         Stage("lightfield", 1, LIGHTFIELD, ("calibration",), _lightfield,
               {"lightfield": "lfflow.stages.demultiplex:demultiplex"}, lightfield_work, 4.0, 0.2),
-        Stage("disparity", 7, DISPARITY, ("lightfield",), _disparity,
+        Stage("disparity", 8, DISPARITY, ("lightfield",), _disparity,
               {"disparity": "lfflow.stages.disparity:disparity",
                "transpose": "lfflow.stages.transpose:transpose_disparity"}, disparity_work, 6.0, 0.5, reads_raw=False),
     ),

@@ -21,11 +21,11 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.0045
-"""What stays without noise: interpolation between lenses, and a calibration that is measured too (simulated F01)."""
-NOISE_FACTOR = 0.7
+MODEL_ERROR = 0.003
+"""What stays without noise, as planes show it: the picture is read between its lenses (simulated F01 and Illum)."""
+NOISE_FACTOR = 0.5
 """Measured over predicted error of the evidence within `AROUND`: the surface collects it from farther away."""
-APART_SHARE = 0.3
+APART_SHARE = 0.17
 """Share, in the variance, of the scatter of the evidence about the surface."""
 STEP_SHARE = 0.12
 """Error per difference of the disparities within two lenses."""

@@ -10,19 +10,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.mosaicked.block import block_sum, block_weights
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
+from lfflow.kernels.mosaicked.patches import patches, read_patch
 from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 
-DETAIL = 3.0
-"""Gaussian, lens pitches, beyond which a picture's change is no detail."""
 BLOCK, COMPANY = 0.7, 1.2
 """Gaussian blocks, lens pitches: of the step, and of what has a lens's own colour."""
 LARGEST = 0.1
@@ -73,9 +71,7 @@ def evidence(
     """
     rows, columns = disparity.shape
     start = np.ascontiguousarray(np.where(np.isfinite(disparity), disparity, 0), dtype=np.float32)
-    low = [cv2.GaussianBlur(one, (0, 0), DETAIL, sigmaY=DETAIL / field.row_pitch) for one in picture]
-    both = np.concatenate([picture, picture - np.stack(low)])
-    padded = np.pad(np.moveaxis(both, 0, -1), ((1, 1), (1, 1), (0, 0)), mode="edge").astype(np.float32)
+    patch = patches(picture, field.offset, field.row_pitch)
     views = np.array([at for at in field.views() if field.u[at[1]] or field.v[at[0]]], dtype=np.int64).reshape(-1, 2)
     samples = field.mosaic, field.cfa, field.weight
     axes = field.u.astype(np.float32), field.v.astype(np.float32)
@@ -83,7 +79,7 @@ def evidence(
     sums = np.zeros((4, rows, columns), dtype=np.float32)
 
     def band(span: tuple[int, int]) -> None:
-        _sums(samples, views, axes, field.rho, field.offset, pitch, padded, start, tolerance, span, sums)
+        _sums(samples, views, axes, field.rho, field.offset, pitch, patch, start, tolerance, span, sums)
 
     each(band, bands(rows), threads)
     brick = bool(field.offset.max() > 0)
@@ -100,7 +96,7 @@ def evidence(
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _sums(samples, views, axes, rho, offset, pitch, padded, disparity, limit, span, sums):  # type: ignore[no-untyped-def]
+def _sums(samples, views, axes, rho, offset, pitch, patch, disparity, limit, span, sums):  # type: ignore[no-untyped-def]
     """Fill rows `span` of the sums (4, t, s) over the samples of w·g², w·g·r, w·r² and w."""
     mosaics, colours, confidences = samples
     rows, columns = disparity.shape
@@ -118,7 +114,7 @@ def _sums(samples, views, axes, rho, offset, pitch, padded, disparity, limit, sp
                     continue
                 a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) / pitch
                 x, y = np.float32(column) + offset[row] + d * a_x, np.float32(row) + d * a_y
-                value, g_x, g_y = read_picture(padded, offset, x, y, cfa[row, column])
+                value, g_x, g_y = read_patch(patch, offset, x, y, cfa[row, column])
                 r = mosaic[row, column] - value
                 g = g_x * a_x + g_y * a_y
                 robust = one / (one + r * r * narrow)
@@ -127,48 +123,6 @@ def _sums(samples, views, axes, rho, offset, pitch, padded, disparity, limit, sp
                 sums[1, t, s] += w * g * r
                 sums[2, t, s] += w * r * r
                 sums[3, t, s] += w
-
-
-@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def read_picture(padded, offset, x, y, c):  # type: ignore[no-untyped-def]
-    """Picture at X = x, row y, and the slopes to the right (per lens) and down (per row) of its detail.
-
-    The channels of `padded` are the colours and, behind them, their detail.
-    """
-    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
-    fine = c + padded.shape[2] // 2
-    upper = min(max(int(np.floor(y)), 0), rows - 2)
-    p_0, e_0, q_0 = _row(padded, upper, x - offset[max(upper - 1, 0)], columns, c, fine)
-    p_1, e_1, q_1 = _row(padded, upper + 1, x - offset[upper], columns, c, fine)
-    p_2, e_2, q_2 = _row(padded, upper + 2, x - offset[upper + 1], columns, c, fine)
-    p_3, e_3, q_3 = _row(padded, upper + 3, x - offset[min(upper + 2, rows - 1)], columns, c, fine)
-    f = min(max(y - np.float32(upper), np.float32(0)), np.float32(1))
-    value, _ = _cubic(p_0, p_1, p_2, p_3, f)
-    _, down = _cubic(e_0, e_1, e_2, e_3, f)
-    right, _ = _cubic(q_0, q_1, q_2, q_3, f)
-    return value, right, down
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _row(padded, row, place, columns, c, fine):  # type: ignore[no-untyped-def]
-    """Colour, detail and slope of the detail at a place of a row."""
-    place = min(max(place, np.float32(0)), np.float32(columns - 1))
-    left = min(int(place), columns - 2)
-    f = place - np.float32(left)
-    near = padded[row, left : left + 4]
-    value, _ = _cubic(near[0, c], near[1, c], near[2, c], near[3, c], f)
-    detail, slope = _cubic(near[0, fine], near[1, fine], near[2, fine], near[3, fine], f)
-    return value, detail, slope
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _cubic(p_0, p_1, p_2, p_3, f):  # type: ignore[no-untyped-def]
-    """Value and slope at `f` between the middle two of four samples (Keys): a line moves fine texture to the lenses."""
-    half, two, three = np.float32(0.5), np.float32(2), np.float32(3)
-    linear = half * (p_2 - p_0)
-    square = p_0 - np.float32(2.5) * p_1 + two * p_2 - half * p_3
-    cube = half * (p_3 - p_0) + (p_1 - p_2) * np.float32(1.5)
-    return p_1 + f * (linear + f * (square + f * cube)), linear + f * (two * square + three * f * cube)
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
