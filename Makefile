@@ -32,7 +32,7 @@ fmt: $(STAMP)        ## format the code
 	$(BIN)/ruff check --fix .
 
 test-faults: $(STAMP) ## every fault of tests/run/README.md in its long form: two hours (moto is installed here)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'moto[server]>=5'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt 'moto[server]==5.2.5'
 	$(BIN)/pytest -s -v -m 'heavy or not heavy' tests/run tests/collection
 
 test-heavy: $(STAMP) ## the tests that take minutes
@@ -42,7 +42,7 @@ fuzz: $(STAMP)       ## feed a million broken files to every reader
 	$(BIN)/python tests/formats/fuzz_formats.py --mutations 1000000
 
 fuzz-coverage: $(STAMP) ## the same, steered by coverage (needs atheris, installed here)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check atheris
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt atheris==3.0.0
 	$(BIN)/python tests/formats/fuzz_coverage.py -runs=1000000 -max_len=65536 -artifact_prefix=.venv/fuzz-
 
 benchmark: $(STAMP)  ## accuracy and CPU seconds against bounds, part by part (minutes)
