@@ -21,11 +21,11 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.003
+MODEL_ERROR = 0.0035
 """What stays without noise, as planes show it: the picture is read between its lenses (simulated F01 and Illum)."""
-NOISE_FACTOR = 0.5
+NOISE_FACTOR = 0.6
 """Measured over predicted error of the evidence within `AROUND`: the surface collects it from farther away."""
-APART_SHARE = 0.17
+APART_SHARE = 0.25
 """Share, in the variance, of the scatter of the evidence about the surface."""
 STEP_SHARE = 0.12
 """Error per difference of the disparities within two lenses."""
