@@ -24,7 +24,6 @@ def regularise(
     cost: FloatArray,
     hypotheses: npt.NDArray[np.floating],
     guide: FloatArray | None = None,
-    reliability: FloatArray | None = None,
     *,
     small: float = 0.1,
     large: float = 1.0,
@@ -43,8 +42,6 @@ def regularise(
     guide
         (t, s, channel) picture of the same view; its edges (mean absolute difference of neighbours over the
         channels, in units of `edge`) make jumps cheap.
-    reliability
-        (t, s) in 0..1: factor on the cost.
     small, large
         Penalty of a change by one step and of a jump, in units of `scale`.
     scale
@@ -56,14 +53,13 @@ def regularise(
     -------
     Disparity (t, s) float32; NaN where no hypothesis has a cost anywhere on its paths.
     """
-    total, _ = accumulate(cost, guide, reliability, small=small, large=large, edge=edge, brick=brick, scale=scale)
+    total, _ = accumulate(cost, guide, small=small, large=large, edge=edge, brick=brick, scale=scale)
     return winner(total, np.asarray(hypotheses, dtype=np.float32))
 
 
 def accumulate(
     cost: FloatArray,
     guide: FloatArray | None = None,
-    reliability: FloatArray | None = None,
     *,
     small: float = 0.1,
     large: float = 1.0,
@@ -74,8 +70,6 @@ def accumulate(
     """Sum of all path costs (t, s, hypothesis), and the unit of the penalties; arguments as in `regularise`."""
     ready = defined(np.moveaxis(cost, 0, -1))
     unit = typical_depth(ready) if scale is None else scale
-    if reliability is not None:
-        ready *= reliability[..., None].astype(np.float32)
     rows, columns = ready.shape[:2]
     picture = (
         np.zeros((rows, columns, 1), dtype=np.float32) if guide is None else np.ascontiguousarray(guide, "float32")
