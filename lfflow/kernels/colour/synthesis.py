@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -10,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.distortion import STRAIGHT, Distortion
-from lfflow.kernels.colour.gather import Rule, Samples, Targets, gather
+from lfflow.kernels.colour.gather import Gathered, Rule, Samples, Targets, gather
 from lfflow.kernels.colour.guided import fill_colours
-from lfflow.kernels.colour.surface_colour import read_surface, surface_places
+from lfflow.kernels.colour.shrinkage import steady_colours
+from lfflow.kernels.colour.surface_colour import STEP, read_surface, surface_places
 from lfflow.kernels.colour.warp import read_disparity
 from lfflow.kernels.sensor.demultiplex import residuals
 from lfflow.lattice import Lattice
@@ -20,6 +22,9 @@ from lfflow.lattice import Lattice
 Array = npt.NDArray[Any]
 
 _UNKNOWN_STD = np.float32(0.1)
+"""Deviation where none is known, and the largest: beyond it nothing in the picture tells one disparity from another."""
+_CAUTION = np.float32(2.0)
+"""Deviations by which a disparity is taken to be wrong."""
 _JUMP = np.float32(0.8)
 """Share of a jump of the disparity between neighbouring lenses that counts as doubt: they mix two surfaces."""
 _EDGE = np.float32(0.08)
@@ -97,7 +102,8 @@ def front_and_doubt(disparity: Array, std: Array, geometry: Array) -> tuple[Arra
     filled = np.where(known, disparity, np.float32(-9e9))
     high, low = cv2.dilate(filled, square), cv2.erode(np.where(known, disparity, np.float32(9e9)), square)
     jump = np.where(high >= low, high - low, 0)
-    doubt = np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), _JUMP * jump).astype(np.float32)
+    error = _CAUTION * np.minimum(np.where(np.isfinite(std), std, _UNKNOWN_STD), _UNKNOWN_STD)
+    doubt = np.hypot(error, _JUMP * jump).astype(np.float32)
     above = _highest_beside(filled, geometry) - disparity
     return np.where(known & (above > _EDGE), disparity + _FRONT * above, disparity), doubt
 
@@ -117,10 +123,20 @@ def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
     """Colours seen from the central view, on the grid of `shape` (`lfflow.kernels.colour.surface_colour`)."""
     x, y = surface_places(shape)
     targets, _ = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
-    planes = np.full((x.size, 3, 3), np.nan, dtype=np.float32)
     known = np.flatnonzero(np.isfinite(targets.disparity))
-    planes[known] = gather(capture.samples, Targets(*(field[known] for field in targets)), rule)
-    return Surface(planes.reshape(*shape, 3, 3), targets.disparity.reshape(shape))
+    found = _filled(gather(capture.samples, Targets(*(field[known] for field in targets)), rule), known, shape)
+    found.planes[..., 0] = steady_colours(found.planes[..., 0], found.weight, found.variance, (STEP, STEP))
+    return Surface(found.planes, targets.disparity.reshape(shape))
+
+
+def _filled(found: Gathered, known: Array, shape: tuple[int, ...]) -> Gathered:
+    """What was gathered at the `known` places of a picture, as pictures; the rest is NaN, with no weight."""
+    out = []
+    for field, rest in zip(found, (np.nan, 0, np.nan), strict=True):
+        whole = np.full((math.prod(shape), *field.shape[1:]), rest, dtype=np.float32)
+        whole[known] = field
+        out.append(whole.reshape(*shape, *field.shape[1:]))
+    return Gathered(*out)
 
 
 def one_view(
@@ -150,9 +166,19 @@ def one_view(
         used = np.sort(used[np.argsort(from_view, kind="stable")[:_NEAR]])
     samples = samples._replace(used=used)
     rest = np.flatnonzero(np.isnan(rgb[:, 0]) & np.isfinite(targets.disparity))
-    rgb[rest] = gather(samples, Targets(*(field[rest] for field in targets)), rule)[..., 0]
+    found = gather(samples, Targets(*(field[rest] for field in targets)), rule)
+    if surface is None:
+        whole = _filled(found, rest, x.shape)
+        rgb = steady_colours(np.ascontiguousarray(whole.planes[..., 0]), whole.weight, whole.variance, _pitch(x, y))
+    else:
+        rgb[rest] = found.planes[..., 0]
     filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
     return filled, bits, disparity, targets.doubt.reshape(x.shape)
+
+
+def _pitch(x: Array, y: Array) -> tuple[float, float]:
+    """Distance of two rows and of two columns."""
+    return float(y[1, 0] - y[0, 0]) if len(y) > 1 else 1.0, float(x[0, 1] - x[0, 0]) if x.shape[1] > 1 else 1.0
 
 
 def _targets(capture: Capture, x: Array, y: Array, v: float, u: float, *, on_lenses: bool) -> tuple[Targets, Array]:
