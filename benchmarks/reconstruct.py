@@ -25,7 +25,7 @@ import lfflow.accessor
 from lfflow.formats.pfm import read_pfm
 from lfflow.kernels.colour.gather import Rule, Targets, gather
 from lfflow.kernels.colour.guided import fill_colours
-from lfflow.kernels.colour.shrinkage import steady_colours
+from lfflow.kernels.colour.shrinkage import sample_noise, steady_colours
 from lfflow.kernels.colour.synthesis import front_and_doubt, one_view, prepare
 from lfflow.kernels.sensor.demultiplex import round_to_pixel
 from lfflow.schema import lattice_of
@@ -294,8 +294,9 @@ def predicted(lf, disp):
     followed = front_and_doubt(d, own["disparity_std"].values, samples.geometry)
     targets = Targets(x.ravel(), y.ravel(), *rho, *(f.ravel() for f in followed))
     found = gather(samples, targets, Rule())
-    colours = (field.reshape(*x.shape, 3) for field in (found.planes[..., 0], found.weight, found.variance))
-    rgb = steady_colours(*colours, (y[1, 0] - y[0, 0], 1.0))
+    noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
+    rgb, weight = (field.reshape(*x.shape, 3) for field in (found.planes[..., 0], found.weight))
+    rgb = steady_colours(rgb, weight, noise, (y[1, 0] - y[0, 0], 1.0))
     return fill_colours(rgb, x, y, d, 0.06)[0]
 
 

@@ -30,6 +30,7 @@ _FEW = 4
 _FIELD = list(FIELD_DIMS)
 _CAPTURE_CORES = [_FIELD] * 5 + [[]] * 6 + [[dim] for dim in FIELD_DIMS] + [["axis", "term"]]
 _SURFACE_DIMS = ["surface_y", "surface_x"]
+_SURFACE_CORES = [[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS, _SURFACE_DIMS]
 
 
 def reconstruct_views(
@@ -98,7 +99,7 @@ def reconstruct_views(
         *inputs,
         *_view_tasks(wanted, fields),
         *surfaces,
-        input_core_dims=_CAPTURE_CORES + [[], []] + [[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] * len(surfaces[1:]),
+        input_core_dims=[*_CAPTURE_CORES, [], [], *_SURFACE_CORES[: len(surfaces)]],
         output_core_dims=[["t_out", "s_out", "channel"], *([["t_out", "s_out"]] * 3)],
         dask="parallelized",
         output_dtypes=["float32", "uint8", "float32", "float32"],
@@ -124,23 +125,24 @@ def _surfaces(lf: xr.Dataset, inputs: Sequence[xr.DataArray], rule: Rule) -> lis
     row_pitch = grid_of(lf).row_pitch
     rows, columns = surface_shape(float(lf.sizes["s"]), (lf.sizes["t"] - 1) * row_pitch)
 
-    def work(*blocks: Array) -> tuple[Array, Array]:
+    def work(*blocks: Array) -> tuple[Array, ...]:
         lead = _lead(blocks, _CAPTURE_CORES)
         planes = np.empty((*lead, rows, columns, 9), dtype=np.float32)
-        disparity = np.empty((*lead, rows, columns), dtype=np.float32)
+        disparity, steep = np.empty((2, *lead, rows, columns), dtype=np.float32)
         for index in np.ndindex(*lead):
             capture, _, _ = _capture(_at(blocks, _CAPTURE_CORES, index))
             surface = surface_of(capture, (rows, columns), rule)
-            planes[index], disparity[index] = surface.planes.reshape(rows, columns, 9), surface.disparity
-        return planes, disparity
+            planes[index] = surface.planes.reshape(rows, columns, 9)
+            disparity[index], steep[index] = surface.disparity, surface.steep
+        return planes, disparity, steep
 
-    parts: tuple[xr.DataArray, xr.DataArray] = xr.apply_ufunc(
+    parts: tuple[xr.DataArray, ...] = xr.apply_ufunc(
         work,
         *inputs,
         input_core_dims=_CAPTURE_CORES,
-        output_core_dims=[[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS],
+        output_core_dims=_SURFACE_CORES,
         dask="parallelized",
-        output_dtypes=["float32", "float32"],
+        output_dtypes=["float32"] * 3,
         dask_gufunc_kwargs={"output_sizes": {"surface_y": rows, "surface_x": columns, "plane": 9}},
     )
     return list(parts)
@@ -148,7 +150,7 @@ def _surfaces(lf: xr.Dataset, inputs: Sequence[xr.DataArray], rule: Rule) -> lis
 
 def _views(blocks: Sequence[Array], scale: float | None, rule: Rule, *, shared: bool) -> tuple[Array, ...]:
     """Views of a block of captures and viewpoints; what a capture's views share is prepared once."""
-    cores = [*_CAPTURE_CORES, [], [], *([[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] if shared else [])]
+    cores = [*_CAPTURE_CORES, [], [], *(_SURFACE_CORES if shared else [])]
     lead = _lead(blocks, cores)
     out: list[Array] = []
     for index in np.ndindex(*lead[:-2]):
@@ -156,8 +158,8 @@ def _views(blocks: Sequence[Array], scale: float | None, rule: Rule, *, shared: 
         x, y = _places(grid, *axes, scale)
         surface = None
         if shared:
-            planes, there = _at(blocks[18:], cores[18:], (*index, 0, 0))
-            surface = Surface(planes.reshape(*there.shape, 3, 3), there)
+            planes, there, steep = _at(blocks[18:], cores[18:], (*index, 0, 0))
+            surface = Surface(planes.reshape(*there.shape, 3, 3), there, steep)
         for view in np.ndindex(*lead[-2:]):
             v, u = (float(value) for value in _at(blocks[16:18], [[], []], (*index, *view)))
             found = one_view(capture, surface, x, y, (v, u), rule, on_lenses=scale is None)

@@ -25,15 +25,12 @@ Array = npt.NDArray[Any]
 
 _F = np.float32
 _MOMENTS = 15
-_BLOCK = 256
+_BLOCK = 1024
 _DARK = _F(0.02)
 """Colours below this radiance share the detail of the others as if they had it."""
 
 _FAR = _F(0.5)
 """Disparity above which the rounding of the lens centres decides which lens's sample is the nearest."""
-
-_STARVED = _F(0.2)
-"""Weight of red or blue below which, at such disparities, every view's second nearest row is looked at too."""
 
 _FREE = _F(0.4)
 """Share of the samples that must be left after the three numbers of a plane, to tell how they scatter."""
@@ -162,26 +159,24 @@ def _locate(targets: Any, first: int, count: int, q: Array, samples: Any, place:
 
 
 @numba.njit(**_VECTOR)
-def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array, row_beside: bool) -> None:
-    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known.
-
-    Or, `row_beside`, the nearest in the row on the other side of the target: in an F01's rows all have one colour.
-    """
+def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array, rounding: Array) -> None:
+    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known."""
     rows, columns = np.int32(samples.colour.shape[1]), np.int32(samples.colour.shape[2])
-    residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
     pitch, half, odd = samples.geometry[0], samples.geometry[1], np.int32(samples.geometry[2])
     x, y, d = targets.x, targets.y, targets.disparity
     to_x, to_y, a, b = place[0], place[1], place[2], place[3]
+    residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
+    for j in range(count):
+        k = np.uint32(max(at[j], 0))
+        rounding[0, j], rounding[1, j] = residual_u[k], residual_v[k]
     per_row = _F(1) / pitch
     for j in range(count):
         n = first + j
-        k = np.uint32(max(at[j], 0))
         known = _F(1) if abs(d[n]) > _FAR else _F(0)
-        down = (y[n] - d[n] * (b[j] + known * residual_v[k])) * per_row
+        down = (y[n] - d[n] * (b[j] + known * rounding[1, j])) * per_row
         row = np.int32(np.floor(down + _F(0.5)))
-        row += (np.int32(1) if down > row else np.int32(-1)) if row_beside else np.int32(0)
         shift = half * _F((row + odd) & np.int32(1))
-        column = np.int32(np.floor(x[n] - d[n] * (a[j] + known * residual_u[k]) - shift + _F(0.5)))
+        column = np.int32(np.floor(x[n] - d[n] * (a[j] + known * rounding[0, j]) - shift + _F(0.5)))
         to_x[j], to_y[j] = _F(column) + shift - x[n], _F(row) * pitch - y[n]
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         at[j] = row * columns + column if inside else np.int32(-1)
@@ -311,29 +306,27 @@ def _sharpen(moments: Array, count: int, lift: Any, planes: Array) -> None:
 
 
 @numba.njit(**_VECTOR)
-def _gather(
-    samples: Any, targets: Any, rule: Any, row_beside: bool, planes: Array, weight: Array, variance: Array
-) -> None:
+def _gather(samples: Any, targets: Any, rule: Any, planes: Array, weight: Array, variance: Array) -> None:
     moments = np.empty((3, _MOMENTS, _BLOCK), dtype=np.float32)
     place, found = np.empty((4, _BLOCK), dtype=np.float32), np.empty((3, _BLOCK), dtype=np.float32)
     at, colours = np.empty(_BLOCK, dtype=np.int32), np.empty(_BLOCK, dtype=np.uint8)
+    rounding = np.empty((2, _BLOCK), dtype=np.float32)
     level, ridge = _F(rule.stiffness * rule.radius**2), _F(rule.likeness * rule.radius**2)
     flat = np.zeros((_BLOCK, 3), dtype=np.float32)
     for first in range(0, targets.x.shape[0], _BLOCK):
         count = min(_BLOCK, targets.x.shape[0] - first)
         moments[:] = 0
         far = np.abs(targets.disparity[first : first + count]).max() > _FAR
-        for beside in range(2 if row_beside else 1):
-            for q in samples.used:
-                _locate(targets, first, count, samples.aperture[q], samples, place, at)
-                if far:
-                    _relocate(targets, first, count, samples, place, at, beside == 1)
-                seen = _fetch(samples, q, at, count, place, found, colours)
-                if seen:
-                    _weigh(targets, first, count, place, found, rule)
-                for c in range(3):
-                    if seen >> c & 1:
-                        _add(moments[c], np.uint8(c), colours, place, found, count)
+        for q in samples.used:
+            _locate(targets, first, count, samples.aperture[q], samples, place, at)
+            if far:
+                _relocate(targets, first, count, samples, place, at, rounding)
+            seen = _fetch(samples, q, at, count, place, found, colours)
+            if seen:
+                _weigh(targets, first, count, place, found, rule)
+            for c in range(3):
+                if seen >> c & 1:
+                    _add(moments[c], np.uint8(c), colours, place, found, count)
         block, scatter = planes[first : first + count], variance[first : first + count]
         _fit(moments[1], count, level, flat, block[:, 1], scatter[:, 1])
         for c in (0, 2):
@@ -348,22 +341,9 @@ def gather(samples: Samples, targets: Targets, rule: Rule) -> Gathered:
 
     What the sums are does not depend on how the targets are cut into calls, but for rounding.
     """
-    found = _gathered(samples, targets, rule, row_beside=False)
-    known = np.isfinite(targets.disparity)
-    starved = np.minimum(found.weight[:, 0], found.weight[:, 2]) < _STARVED
-    again = np.flatnonzero(known & starved & (np.abs(targets.disparity) > _FAR))
-    if again.size:
-        better = _gathered(samples, Targets(*(field[again] for field in targets)), rule, row_beside=True)
-        for field, part in zip(found, better, strict=True):
-            field[again] = part
+    known, count = np.isfinite(targets.disparity), targets.x.shape[0]
+    found = Gathered(np.empty((count, 3, 3), np.float32), *np.empty((2, count, 3), np.float32))
+    _gather(samples, targets._replace(disparity=np.where(known, targets.disparity, _F(0))), rule, *found)
     found.planes[~known] = np.nan, 0, 0
     found.weight[~known] = 0
     return found
-
-
-def _gathered(samples: Samples, targets: Targets, rule: Rule, *, row_beside: bool) -> Gathered:
-    count = targets.x.shape[0]
-    out = Gathered(np.empty((count, 3, 3), np.float32), *np.empty((2, count, 3), np.float32))
-    somewhere = np.where(np.isfinite(targets.disparity), targets.disparity, _F(0))
-    _gather(samples, targets._replace(disparity=somewhere), rule, row_beside, *out)
-    return out

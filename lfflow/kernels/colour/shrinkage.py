@@ -32,34 +32,38 @@ _TURNS = 4
 """Steps of the power iteration for the direction of the line."""
 
 
-def steady_colours(rgb: Array, weight: Array, variance: Array, pitch: tuple[float, float]) -> Array:
+def sample_noise(rgb: Array, weight: Array, variance: Array) -> float:
+    """Variance / value of one sample, from how the samples of a colour scatter in the quiet places.
+
+    The arguments are float32 (..., 3): values, and `lfflow.kernels.colour.gather.Gathered`'s weight and variance.
+    """
+    with np.errstate(invalid="ignore"):
+        ratio = (variance * weight / np.maximum(rgb, _LEVEL)).ravel()
+    ratio = ratio[np.isfinite(ratio)]
+    return float(np.quantile(ratio, _QUIET)) if ratio.size else 0.0
+
+
+def steady_colours(rgb: Array, weight: Array, noise: float, pitch: tuple[float, float]) -> Array:
     """Picture with the noise beside the colour lines taken out.
 
     Parameters
     ----------
     rgb
         float32 (I, J, 3); places with a NaN stay as they are and tell nothing.
-    weight, variance
-        float32 (I, J, 3) of `lfflow.kernels.colour.gather.Gathered`. The variance is taken to go with the value over
-        the weight everywhere in the picture, for one place's few samples tell it too badly.
+    weight
+        float32 (I, J, 3): number of samples that a colour rests on.
+    noise
+        Variance / value of a sample, `sample_noise`; less is taken where the colours scatter less.
     pitch
         Distance of two rows and two columns, lens pitches.
     """
     known = np.asarray(np.isfinite(rgb).all(axis=-1))
-    if not known.any():
+    if not known.any() or noise <= 0:
         return rgb
     rows, columns = (2 * max(int(_REACH / step + 0.5), 1) + 1 for step in pitch)
     sums = cv2.blur(_products(rgb, weight, known), (columns, rows), borderType=cv2.BORDER_REFLECT_101)
-    noise = min(_scatter_of_samples(rgb, weight, variance), _scatter_of_ratios(sums))
-    return np.asarray(_shrink(rgb, weight, known, sums, _F(noise))) if noise > 0 else rgb
-
-
-def _scatter_of_samples(rgb: Array, weight: Array, variance: Array) -> float:
-    """Variance × weight / value of a colour, from how the samples scatter in the quiet places."""
-    with np.errstate(invalid="ignore"):
-        ratio = (variance * weight / np.maximum(rgb, _LEVEL)).ravel()
-    ratio = ratio[np.isfinite(ratio)]
-    return float(np.quantile(ratio, _QUIET)) if ratio.size else 0.0
+    noise = min(noise, _scatter_of_ratios(sums))
+    return np.asarray(_shrink(rgb, weight, known, sums, _F(noise)))
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
@@ -81,7 +85,7 @@ def _products(rgb: Array, weight: Array, known: Array) -> Array:
 
 
 def _scatter_of_ratios(sums: Array) -> float:
-    """The same from how far the ratios of two colours scatter in the quiet windows."""
+    """Variance × weight / value, from how far the ratios of two colours scatter in the quiet windows."""
     judged = sums[..., 0] > _SHARE
     here = sums[judged] / sums[judged][:, :1]
     mean = np.maximum(here[:, 1:4], _LEVEL)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from lfflow.distortion import STRAIGHT, Distortion
 from lfflow.kernels.colour.gather import Gathered, Rule, Samples, Targets, gather
 from lfflow.kernels.colour.guided import fill_colours
-from lfflow.kernels.colour.shrinkage import steady_colours
-from lfflow.kernels.colour.surface_colour import STEP, read_surface, surface_places
+from lfflow.kernels.colour.shrinkage import sample_noise, steady_colours
+from lfflow.kernels.colour.surface_colour import STEP, read_surface, steepness, surface_places
 from lfflow.kernels.colour.warp import read_disparity
 from lfflow.kernels.sensor.demultiplex import residuals
 from lfflow.lattice import Lattice
@@ -33,9 +33,10 @@ _FRONT = np.float32(0.75)
 """Share of that surface's disparity along which such a lens's light is followed."""
 _DIM = 0.4
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
-_UNSURE = 0.6
-"""Lens pitches by which a place of the central view may be wrong in another view before that gathers for itself."""
-_NEAR = 13
+_UNSURE = 4.0
+"""Variance, in units of a sample's, of what a doubtful disparity makes of the centre's colours in another view, above
+which that gathers for itself."""
+_NEAR = 29
 """Where a view gathers for itself, it looks at so many views around it, for there the disparity is in doubt."""
 
 
@@ -60,10 +61,11 @@ class Capture(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """Planes (rows, columns, colour, 3) of the colours seen from the centre and their disparity (rows, columns)."""
+    """Planes (rows, columns, colour, 3) of the colours seen from the centre; their disparity, `steepness`."""
 
     planes: Array
     disparity: Array
+    steep: Array
 
 
 def prepare(
@@ -125,8 +127,10 @@ def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
     targets, _ = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
     known = np.flatnonzero(np.isfinite(targets.disparity))
     found = _filled(gather(capture.samples, Targets(*(field[known] for field in targets)), rule), known, shape)
-    found.planes[..., 0] = steady_colours(found.planes[..., 0], found.weight, found.variance, (STEP, STEP))
-    return Surface(found.planes, targets.disparity.reshape(shape))
+    noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
+    found.planes[..., 0] = steady_colours(found.planes[..., 0], found.weight, noise, (STEP, STEP))
+    steep = steepness(found.planes[:, :, 1, 0], found.variance[..., 1], noise)
+    return Surface(found.planes, targets.disparity.reshape(shape), steep)
 
 
 def _filled(found: Gathered, known: Array, shape: tuple[int, ...]) -> Gathered:
@@ -161,7 +165,7 @@ def one_view(
     used = np.union1d(samples.used, own)
     rgb = np.full((x.size, 3), np.nan, dtype=np.float32)
     if surface is not None:
-        read_surface(*surface, samples, int(own[0]) if own.size else -1, targets, rule, _UNSURE, rgb)
+        read_surface(*surface, targets, rule.tolerance, _UNSURE, rgb)
         from_view = np.hypot(samples.aperture[used, 0] - u, samples.aperture[used, 1] - v)
         used = np.sort(used[np.argsort(from_view, kind="stable")[:_NEAR]])
     samples = samples._replace(used=used)
@@ -169,7 +173,8 @@ def one_view(
     found = gather(samples, Targets(*(field[rest] for field in targets)), rule)
     if surface is None:
         whole = _filled(found, rest, x.shape)
-        rgb = steady_colours(np.ascontiguousarray(whole.planes[..., 0]), whole.weight, whole.variance, _pitch(x, y))
+        noise = sample_noise(whole.planes[..., 0], whole.weight, whole.variance)
+        rgb = steady_colours(np.ascontiguousarray(whole.planes[..., 0]), whole.weight, noise, _pitch(x, y))
     else:
         rgb[rest] = found.planes[..., 0]
     filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
