@@ -26,6 +26,8 @@ _LEVEL = _F(0.01)
 """Radiance below which photons are no longer what the noise comes from."""
 _QUIET = 0.3
 """Quantile of the places whose scatter is taken for noise: elsewhere it is detail, edges, other paints."""
+_SKIP = 5
+"""One of so many places is judged."""
 _SHARE = _F(0.6)
 """Share of a window that must be known for its scatter to be judged."""
 _TURNS = 4
@@ -38,7 +40,8 @@ def sample_noise(rgb: Array, weight: Array, variance: Array) -> float:
     The arguments are float32 (..., 3): values, and `lfflow.kernels.colour.gather.Gathered`'s weight and variance.
     """
     with np.errstate(invalid="ignore"):
-        ratio = (variance * weight / np.maximum(rgb, _LEVEL)).ravel()
+        scatter, count, value = (field.reshape(-1, 3)[::_SKIP] for field in (variance, weight, rgb))
+        ratio = (scatter * count / np.maximum(value, _LEVEL)).ravel()
     ratio = ratio[np.isfinite(ratio)]
     return float(np.quantile(ratio, _QUIET)) if ratio.size else 0.0
 
@@ -86,8 +89,9 @@ def _products(rgb: Array, weight: Array, known: Array) -> Array:
 
 def _scatter_of_ratios(sums: Array) -> float:
     """Variance × weight / value, from how far the ratios of two colours scatter in the quiet windows."""
-    judged = sums[..., 0] > _SHARE
-    here = sums[judged] / sums[judged][:, :1]
+    judged = sums.reshape(-1, sums.shape[-1])[::_SKIP]
+    judged = judged[judged[:, 0] > _SHARE]
+    here = judged / judged[:, :1]
     mean = np.maximum(here[:, 1:4], _LEVEL)
     variance = (here[:, 4:7] - here[:, 1:4] ** 2) / mean**2
     expected = here[:, 10:13] / mean
