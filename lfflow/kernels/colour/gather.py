@@ -134,7 +134,7 @@ class Rule(NamedTuple):
     detail: float = 0.5
     tolerance: float = 0.06
     strictness: float = 10.0
-    lift: float = 1.25
+    lift: float = 1.4
     stiffness: float = 0.02
     likeness: float = 0.05
 
