@@ -30,6 +30,8 @@ _SKIP = 5
 """One of so many places is judged."""
 _SHARE = _F(0.6)
 """Share of a window that must be known for its scatter to be judged."""
+_NOTHING = 1e-9
+"""Variance / value that is no noise but rounding."""
 _TURNS = 4
 """Steps of the power iteration for the direction of the line."""
 
@@ -61,12 +63,12 @@ def steady_colours(rgb: Array, weight: Array, noise: float, pitch: tuple[float, 
         Distance of two rows and two columns, lens pitches.
     """
     known = np.asarray(np.isfinite(rgb).all(axis=-1))
-    if not known.any() or noise <= 0:
+    if not known.any():
         return rgb
     rows, columns = (2 * max(int(_REACH / step + 0.5), 1) + 1 for step in pitch)
     sums = cv2.blur(_products(rgb, weight, known), (columns, rows), borderType=cv2.BORDER_REFLECT_101)
     noise = min(noise, _scatter_of_ratios(sums))
-    return np.asarray(_shrink(rgb, weight, known, sums, _F(noise)))
+    return np.asarray(_shrink(rgb, weight, known, sums, _F(noise))) if noise > _NOTHING else rgb
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})

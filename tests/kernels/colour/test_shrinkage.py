@@ -45,6 +45,11 @@ def test_without_scatter_of_the_samples_nothing_changes() -> None:
     np.testing.assert_array_equal(steady_colours(picture, weight, 0.0, PITCH), picture)
 
 
+def test_a_flat_picture_stays_flat() -> None:
+    flat = np.full((12, 12, 3), [0.3, 0.4, 0.2], np.float32)
+    np.testing.assert_allclose(steady_colours(flat, np.full_like(flat, 5), 0.002, PITCH), flat, atol=1e-5)
+
+
 def test_the_noise_of_a_sample_is_told_by_the_quiet_places() -> None:
     _, picture, weight, variance = painted(0.003)
     variance[:20] *= 10
