@@ -48,7 +48,9 @@ def sample_noise(rgb: Array, weight: Array, variance: Array) -> float:
     return float(np.quantile(ratio, _QUIET)) if ratio.size else 0.0
 
 
-def steady_colours(rgb: Array, weight: Array, noise: float, pitch: tuple[float, float]) -> Array:
+def steady_colours(
+    rgb: Array, weight: Array, noise: float, pitch: tuple[float, float], where: Array | None = None
+) -> Array:
     """Picture with the noise beside the colour lines taken out.
 
     Parameters
@@ -61,6 +63,8 @@ def steady_colours(rgb: Array, weight: Array, noise: float, pitch: tuple[float, 
         Variance / value of a sample, `sample_noise`; less is taken where the colours scatter less.
     pitch
         Distance of two rows and two columns, lens pitches.
+    where
+        bool (I, J): the places to change; all by default.
     """
     known = np.asarray(np.isfinite(rgb).all(axis=-1))
     if not known.any():
@@ -68,7 +72,11 @@ def steady_colours(rgb: Array, weight: Array, noise: float, pitch: tuple[float, 
     rows, columns = (2 * max(int(_REACH / step + 0.5), 1) + 1 for step in pitch)
     sums = cv2.blur(_products(rgb, weight, known), (columns, rows), borderType=cv2.BORDER_REFLECT_101)
     noise = min(noise, _scatter_of_ratios(sums))
-    return np.asarray(_shrink(rgb, weight, known, sums, _F(noise))) if noise > _NOTHING else rgb
+    return (
+        np.asarray(_shrink(rgb, weight, known if where is None else known & where, sums, _F(noise)))
+        if noise > _NOTHING
+        else rgb
+    )
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
@@ -105,14 +113,14 @@ def _scatter_of_ratios(sums: Array) -> float:
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
-def _shrink(rgb: Array, weight: Array, known: Array, sums: Array, noise: Any) -> Array:
+def _shrink(rgb: Array, weight: Array, where: Array, sums: Array, noise: Any) -> Array:
     out = rgb.copy()
     mean, scale = np.empty(3, dtype=np.float32), np.empty(3, dtype=np.float32)
     off, line, turned = np.empty(3, dtype=np.float32), np.empty(3, dtype=np.float32), np.empty(3, dtype=np.float32)
     own = np.empty(3, dtype=np.float32)
     for i in range(rgb.shape[0]):
         for j in range(rgb.shape[1]):
-            if not known[i, j]:
+            if not where[i, j]:
                 continue
             here = sums[i, j]
             per = _F(1) / here[0]

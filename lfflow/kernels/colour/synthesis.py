@@ -33,9 +33,11 @@ _FRONT = np.float32(0.75)
 """Share of that surface's disparity along which such a lens's light is followed."""
 _DIM = 0.4
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
-_UNSURE = 4.0
+_UNSURE = 8.0
 """Variance, in units of a sample's, of what a doubtful disparity makes of the centre's colours in another view, above
 which that gathers for itself."""
+_READ_WEIGHT = 20.0
+"""Number of samples that a colour read on the centre's surfaces is taken to rest on."""
 _NEAR = 29
 """Where a view gathers for itself, it looks at so many views around it, for there the disparity is in doubt."""
 
@@ -171,13 +173,14 @@ def one_view(
     samples = samples._replace(used=used)
     rest = np.flatnonzero(np.isnan(rgb[:, 0]) & np.isfinite(targets.disparity))
     found = gather(samples, Targets(*(field[rest] for field in targets)), rule)
-    if surface is None:
-        whole = _filled(found, rest, x.shape)
-        noise = sample_noise(whole.planes[..., 0], whole.weight, whole.variance)
-        rgb = steady_colours(np.ascontiguousarray(whole.planes[..., 0]), whole.weight, noise, _pitch(x, y))
-    else:
-        rgb[rest] = found.planes[..., 0]
-    filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
+    noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
+    weight = np.full((x.size, 3), _READ_WEIGHT, dtype=np.float32)
+    rgb[rest], weight[rest] = found.planes[..., 0], found.weight
+    anew = np.zeros(x.size, dtype=bool)
+    anew[rest] = True
+    rgb, weight = rgb.reshape(*x.shape, 3), weight.reshape(*x.shape, 3)
+    rgb = steady_colours(rgb, weight, noise, _pitch(x, y), anew.reshape(x.shape))
+    filled, bits = fill_colours(rgb, x, y, disparity, rule.tolerance)
     return filled, bits, disparity, targets.doubt.reshape(x.shape)
 
 
