@@ -154,7 +154,7 @@ def _views(ready: Array, v: Array, u: Array, *, rule: Rule, on_lenses: bool) -> 
     captures, at_v, at_u = np.broadcast_arrays(ready, v, u)
     out: list[Array] = []
     for index in np.ndindex(*captures.shape):
-        this = cast(_Ready, captures[index])
+        this = cast("_Ready", captures[index])
         view = float(at_v[index]), float(at_u[index])
         found = one_view(this.capture, this.surface, this.x, this.y, view, rule, on_lenses=on_lenses)
         if not out:
