@@ -45,9 +45,10 @@ def reconstruct_views(
     """Every colour at every place: same-colour samples of all views gathered along the disparity.
 
     A sample counts by its distance from the place, its vignetting weight, the agreement of its own disparity with that
-    of the place, and the standard deviation of the disparity times the baseline. The places in the aperture are the
-    true ones (view offset + rounding of the lens centre), so the views come out rectified. What no sample reaches is
-    interpolated in the view, guided by its other colours, and flagged.
+    of the place, and the standard deviation of the disparity times the baseline. Colours are shrunk towards the line on
+    which those around them lie, by the share of their scatter that is noise of the samples. The places in the aperture
+    are the true ones (view offset + rounding of the lens centre), so the views come out rectified. What no sample
+    reaches is interpolated in the view, guided by its other colours, and flagged.
 
     Parameters
     ----------
@@ -64,8 +65,9 @@ def reconstruct_views(
         How samples are weighed.
     shared
         True: the samples of all views are gathered once, on the surfaces that the central view sees; each view reads
-        them there, corrects them by its own samples, and gathers only what the centre does not see. False: every view
-        gathers for itself, which costs ten times as much for all views. By default True for more than four views.
+        them there, and gathers only what the centre does not see or where a doubtful disparity would show. False:
+        every view gathers for itself, which costs four times as much for all views. By default True for more than
+        four views.
 
     Returns
     -------
