@@ -26,7 +26,7 @@ from lfflow.formats.pfm import read_pfm
 from lfflow.kernels.colour.gather import Rule, Targets, gather
 from lfflow.kernels.colour.guided import fill_colours
 from lfflow.kernels.colour.shrinkage import sample_noise, steady_colours
-from lfflow.kernels.colour.synthesis import front_and_doubt, one_view, prepare
+from lfflow.kernels.colour.synthesis import front_and_doubt, known_well, one_view, prepare
 from lfflow.kernels.sensor.demultiplex import round_to_pixel
 from lfflow.schema import lattice_of
 from lfflow.simulate import Layer, Scene, rays, simulate_capture, simulate_white
@@ -295,9 +295,9 @@ def predicted(lf, disp):
     targets = Targets(x.ravel(), y.ravel(), *rho, *(f.ravel() for f in followed))
     found = gather(samples, targets, Rule())
     noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
-    rgb, weight = (field.reshape(*x.shape, 3) for field in (found.planes[..., 0], found.weight))
-    rgb = steady_colours(rgb, weight, noise, (y[1, 0] - y[0, 0], 1.0))
-    return fill_colours(rgb, x, y, d, 0.06)[0]
+    rgb, weight = (field.reshape(*x.shape, 3) for field in (known_well(found), found.weight))
+    rgb, _ = fill_colours(rgb, x, y, d, 0.06)
+    return steady_colours(rgb, weight, noise, (y[1, 0] - y[0, 0], 1.0))
 
 
 def timed(lf, disp):

@@ -89,17 +89,23 @@ def read_surface(
     planes: Array,
     disparity: Array,
     steep: Array,
+    guessed: Array,
     targets: Any,
     tolerance: float,
     limit: float,
     rgb: Array,
+    bits: Array,
 ) -> None:
-    """Write the colours at `targets`, all of one view, into `rgb` (N, 3); NaN where the surface cannot tell them.
+    """Write the colours at `targets`, all of one view, into `rgb` (N, 3) and which were guessed into `bits` (N,).
+
+    Where the surface cannot tell the colours they are NaN.
 
     Parameters
     ----------
     planes, disparity, steep
         float32 (rows, columns, colour, 3) and (rows, columns): value and slopes, disparity, `steepness`, on the grid.
+    guessed
+        uint8 (rows, columns): bits of the colours that no sample gave there.
     targets
         `lfflow.kernels.colour.gather.Targets`.
     tolerance
@@ -113,5 +119,8 @@ def read_surface(
         gx, gy = (x + d * u) * per_step, (y + d * v) * per_step
         known = _blend(planes, disparity, gx, gy, d, _F(tolerance), rgb[n])
         error = targets.doubt[n] ** 2 * (u * u + v * v)
-        if not known or error * steep[int(gy + _F(0.5)), int(gx + _F(0.5))] > limit:
+        row, column = int(gy + _F(0.5)), int(gx + _F(0.5))
+        if known and error * steep[row, column] <= limit:
+            bits[n] = guessed[row, column]
+        else:
             rgb[n] = np.nan

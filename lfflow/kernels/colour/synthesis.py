@@ -36,6 +36,10 @@ _DIM = 0.4
 _UNSURE = 8.0
 """Variance, in units of a sample's, of what a doubtful disparity makes of the centre's colours in another view, above
 which that gathers for itself."""
+_WEAK = np.float32(0.06)
+"""Share of all weight below which a colour is taken from the places around: near disparity 3/2 whole rows of an F01 see
+no red, or no blue."""
+_DARK = np.float32(0.02)
 _READ_WEIGHT = 20.0
 """Number of samples that a colour read on the centre's surfaces is taken to rest on."""
 _NEAR = 29
@@ -63,11 +67,12 @@ class Capture(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """Planes (rows, columns, colour, 3) of the colours seen from the centre; their disparity, `steepness`."""
+    """Planes (rows, columns, colour, 3) of the colours seen from the centre; disparity, `steepness`, guesses."""
 
     planes: Array
     disparity: Array
     steep: Array
+    guessed: Array
 
 
 def prepare(
@@ -128,14 +133,26 @@ def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
     x, y = surface_places(shape)
     targets, _ = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
     known = np.flatnonzero(np.isfinite(targets.disparity))
-    found = _filled(gather(capture.samples, Targets(*(field[known] for field in targets)), rule), known, shape)
-    noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
-    found.planes[..., 0] = steady_colours(found.planes[..., 0], found.weight, noise, (STEP, STEP))
-    steep = steepness(found.planes[:, :, 1, 0], found.variance[..., 1], noise)
-    return Surface(found.planes, targets.disparity.reshape(shape), steep)
+    found = _whole(gather(capture.samples, Targets(*(field[known] for field in targets)), rule), known, shape)
+    planes, disparity = found.planes, targets.disparity.reshape(shape)
+    noise = sample_noise(planes[..., 0], found.weight, found.variance)
+    colours = known_well(found)
+    unknown = np.isnan(colours)
+    colours, guessed = fill_colours(colours, x, y, disparity, rule.tolerance)
+    planes[..., 0] = steady_colours(colours, found.weight, noise, (STEP, STEP))
+    like = planes[..., 1:2, 1:] * (planes[..., :1] / np.maximum(planes[..., 1:2, :1], _DARK))
+    planes[..., 1:] = np.where(unknown[..., None], like, planes[..., 1:])
+    steep = steepness(planes[:, :, 1, 0], found.variance[..., 1], noise)
+    return Surface(planes, disparity, steep, guessed)
 
 
-def _filled(found: Gathered, known: Array, shape: tuple[int, ...]) -> Gathered:
+def known_well(found: Gathered) -> Array:
+    """The colours (..., 3) that were gathered, NaN where they rest on next to nothing."""
+    weak = found.weight < _WEAK * found.weight.sum(axis=-1, keepdims=True)
+    return np.where(weak, np.float32(np.nan), found.planes[..., 0])
+
+
+def _whole(found: Gathered, known: Array, shape: tuple[int, ...]) -> Gathered:
     """What was gathered at the `known` places of a picture, as pictures; the rest is NaN, with no weight."""
     out = []
     for field, rest in zip(found, (np.nan, 0, np.nan), strict=True):
@@ -165,9 +182,9 @@ def one_view(
     samples = capture.samples
     own = np.flatnonzero((samples.aperture == (u, v)).all(axis=1))
     used = np.union1d(samples.used, own)
-    rgb = np.full((x.size, 3), np.nan, dtype=np.float32)
+    rgb, guessed = np.full((x.size, 3), np.nan, dtype=np.float32), np.zeros(x.size, dtype=np.uint8)
     if surface is not None:
-        read_surface(*surface, targets, rule.tolerance, _UNSURE, rgb)
+        read_surface(*surface, targets, rule.tolerance, _UNSURE, rgb, guessed)
         from_view = np.hypot(samples.aperture[used, 0] - u, samples.aperture[used, 1] - v)
         used = np.sort(used[np.argsort(from_view, kind="stable")[:_NEAR]])
     samples = samples._replace(used=used)
@@ -175,13 +192,13 @@ def one_view(
     found = gather(samples, Targets(*(field[rest] for field in targets)), rule)
     noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
     weight = np.full((x.size, 3), _READ_WEIGHT, dtype=np.float32)
-    rgb[rest], weight[rest] = found.planes[..., 0], found.weight
+    rgb[rest] = known_well(found)
+    weight[rest] = found.weight
     anew = np.zeros(x.size, dtype=bool)
     anew[rest] = True
-    rgb, weight = rgb.reshape(*x.shape, 3), weight.reshape(*x.shape, 3)
-    rgb = steady_colours(rgb, weight, noise, _pitch(x, y), anew.reshape(x.shape))
-    filled, bits = fill_colours(rgb, x, y, disparity, rule.tolerance)
-    return filled, bits, disparity, targets.doubt.reshape(x.shape)
+    rgb, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
+    rgb = steady_colours(rgb, weight.reshape(rgb.shape), noise, _pitch(x, y), anew.reshape(x.shape))
+    return rgb, bits | guessed.reshape(x.shape), disparity, targets.doubt.reshape(x.shape)
 
 
 def _pitch(x: Array, y: Array) -> tuple[float, float]:

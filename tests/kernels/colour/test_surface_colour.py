@@ -18,19 +18,25 @@ def slanted() -> np.ndarray:
     return planes
 
 
-def read(disparity: np.ndarray, d: float, u: float, doubt: float, steep: float = 20.0) -> np.ndarray:
+def read(
+    disparity: np.ndarray, d: float, u: float, doubt: float, steep: float = 20.0
+) -> tuple[np.ndarray, np.ndarray, Targets]:
     x, y = np.meshgrid(np.linspace(5, 14, 10), np.linspace(5, 12, 8))
     one = np.ones(x.size, np.float32)
     targets = Targets(x.ravel().astype("f4"), y.ravel().astype("f4"), u * one, 0 * one, d * one, doubt * one)
     rgb = np.zeros((x.size, 3), np.float32)
-    read_surface(slanted(), disparity, np.full(SHAPE, steep, np.float32), targets, TOLERANCE, LIMIT, rgb)
-    return rgb, targets
+    grid = slanted(), disparity, np.full(SHAPE, steep, np.float32), np.where(X < 6, 4, 0).astype(np.uint8)
+    bits = np.zeros(x.size, np.uint8)
+    read_surface(*grid, targets, TOLERANCE, LIMIT, rgb, bits)
+    return rgb, bits, targets
 
 
 def test_another_view_reads_the_point_that_it_shows() -> None:
-    rgb, targets = read(np.full(SHAPE, 0.4, np.float32), 0.4, 3.0, 0.01)
+    rgb, bits, targets = read(np.full(SHAPE, 0.4, np.float32), 0.4, 3.0, 0.01)
     truth = 0.5 + 0.01 * (targets.x + 0.4 * 3) - 0.02 * targets.y
     np.testing.assert_allclose(rgb, np.repeat(truth[:, None], 3, axis=1), atol=1e-5)
+    clear = np.abs(targets.x + 0.4 * 3 - 6) > 0.5
+    np.testing.assert_array_equal(bits[clear], np.where(targets.x + 0.4 * 3 < 6, 4, 0)[clear])
 
 
 def test_another_surface_and_a_doubtful_one_are_not_read() -> None:
