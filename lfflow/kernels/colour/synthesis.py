@@ -39,6 +39,8 @@ which that gathers for itself."""
 _WEAK = np.float32(0.06)
 """Share of all weight below which a colour is taken from the places around: near disparity 3/2 whole rows of an F01 see
 no red, or no blue."""
+_LEAST = np.float32(0.02)
+"""Weight that no colour is known with."""
 _DARK = np.float32(0.02)
 _READ_WEIGHT = 20.0
 """Number of samples that a colour read on the centre's surfaces is taken to rest on."""
@@ -148,7 +150,8 @@ def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
 
 def known_well(found: Gathered) -> Array:
     """The colours (..., 3) that were gathered, NaN where they rest on next to nothing."""
-    weak = found.weight < _WEAK * found.weight.sum(axis=-1, keepdims=True)
+    least = np.maximum(_WEAK * found.weight.sum(axis=-1, keepdims=True), _LEAST)
+    weak = found.weight < least
     return np.where(weak, np.float32(np.nan), found.planes[..., 0])
 
 
