@@ -31,7 +31,7 @@ _EDGE = np.float32(0.08)
 """Jump above which a lens is taken to see the edge of the nearer surface beside it."""
 _FRONT = np.float32(0.75)
 """Share of that surface's disparity along which such a lens's light is followed."""
-_DIM = 0.4
+_DIM = 0.5
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
 _UNSURE = 8.0
 """Variance, in units of a sample's, of what a doubtful disparity makes of the centre's colours in another view, above
