@@ -26,8 +26,6 @@ _EPI_ROW, _EPI_LINES = 12, 16
 _MAPS = ("disparity", "disparity_std")
 _DISPARITY = "disparity, lens pitches per view step", cv2.COLORMAP_TURBO
 _ERROR = "standard deviation of the disparity", cv2.COLORMAP_MAGMA
-_BESIDE = 3
-"""A side view is made of the views from it to the centre, in the rows up to so many above and below."""
 _ANY_SURFACE = Rule(radius=1.3, tolerance=1e3, lift=0.6, stiffness=0.5, likeness=0.5)
 """Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
 _OFF_FOCUS = 0.3
@@ -137,9 +135,6 @@ def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
 
 
 def _view(lightfield: xr.Dataset, disparity: xr.Dataset, u: int, rule: Rule | None = None) -> xr.DataArray:
-    if u:
-        inwards = {"v": slice(-_BESIDE, _BESIDE), "u": slice(min(u, 0), max(u, 0))}
-        lightfield, disparity = lightfield.sel(inwards), disparity.sel(inwards)
     views = reconstruct_views(lightfield, disparity, views={"v": [0], "u": [u]}, rule=rule)
     return views["rgb"].isel(v=0, u=0, drop=True).reset_coords(drop=True)
 
