@@ -132,7 +132,8 @@ def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
     place = aperture.matrix, aperture.origin, aperture.middle
     _model(flat, lens, f / f.max(), h, *place, scale, model, seen, due)
     _correct(model, lens, scale, _ratio(seen, due).astype(np.float32))
-    return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6)), 1))
+    model /= np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6))
+    return np.minimum(model, 1, out=model)
 
 
 def _ratio(seen: FloatArray, due: FloatArray) -> FloatArray:
