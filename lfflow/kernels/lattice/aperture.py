@@ -39,7 +39,7 @@ CLOSE = 0.4
 """and by less than so many, the edges' shape has the same effect as the common share of their blur."""
 SIGNIFICANT = 4.0
 """The subimages must be so many standard deviations narrower towards the corners before a second disc is looked for,"""
-SUSPECT = 1.5
+SUSPECT = 2.0
 """and so many before the lattice is said to be less certain for one that may be there."""
 SOFTEST = 0.4
 """A second disc whose edge is wider than so many of its radii is a gradient, which every lens may have."""
