@@ -12,7 +12,8 @@ from lfflow.errors import LfflowError
 from lfflow.kernels.lattice import residual_field as kernel
 from lfflow.kernels.lattice.centres import flatten_scene, measure_centres
 from lfflow.kernels.lattice.fit import Fit
-from lfflow.kernels.lattice.likelihood import measure_lenses, refine
+from lfflow.kernels.lattice.light_centres import measure_lenses
+from lfflow.kernels.lattice.likelihood import refine
 from lfflow.kernels.sensor.equalise import equalise
 from lfflow.schema import distortion_of, lattice_of
 from lfflow.schema.declarations import METHOD_FLAGS

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from lfflow.distortion import DEGREE, STRAIGHT, Distortion, products
 from lfflow.kernels.lattice.fit import jacobian, lens_indices, moved
-from lfflow.kernels.lattice.likelihood import State, measure_lenses
+from lfflow.kernels.lattice.lens_state import State
+from lfflow.kernels.lattice.light_centres import measure_lenses
 from lfflow.lattice import Lattice
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from lfflow.kernels.lattice.centres import flatten_scene, measure_centres
 from lfflow.kernels.lattice.fit import Fit, fit
-from lfflow.kernels.lattice.likelihood import measure_lenses, refine
+from lfflow.kernels.lattice.light_centres import measure_lenses
+from lfflow.kernels.lattice.likelihood import refine
 from lfflow.kernels.lattice.spectrum import start
 from lfflow.kernels.sensor.equalise import equalise
 from lfflow.lattice import Lattice
