@@ -158,12 +158,15 @@ def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, floa
     """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample."""
     pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
     longest = max(max(abs(a), abs(b)) for a, b in pairs)
-    reach = FIRST_RANGE
+    reach, costs = FIRST_RANGE, np.empty((len(pairs), 0, *field.rho.shape[1:]), dtype=np.float32)
     while True:
         labels = _labels(options, 0.5 / longest, (-reach, reach))
-        cost = partial(pair_cost, field, hypotheses=labels, sigma=options.sigma, min_support=options.min_support,
+        more = (len(labels) - costs.shape[1]) // 2
+        beyond = np.concatenate([labels[:more], labels[len(labels) - more :]]) if costs.size else labels
+        cost = partial(pair_cost, field, hypotheses=beyond, sigma=options.sigma, min_support=options.min_support,
                        interpolation=options.interpolation)  # fmt: skip
-        costs = np.stack(each(cost, pairs, options.threads))
+        fresh = np.stack(each(cost, pairs, options.threads))
+        costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
         clear = _is_clear(fused, found) & inside(field)
