@@ -56,14 +56,14 @@ STRANGE, UNEVEN = 6.0, 0.1
 the mean over several lenses where the light of the view is another."""
 SECOND_BLOCK = 1.0
 """Gaussian of the second pass, lens pitches."""
-BAND, BAND_REACH = 0.25, 4
+BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
 STIFFNESS, JUMP = 2e4, 0.03
 """Of the surface, `lfflow.kernels.surface.fit_surface`."""
 MOST_DOUBT = 0.1
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
-ROUNDS = 2
-"""Steps of the refinement below the hypotheses."""
+TELLING = 0.45
+"""Radius of the aperture from which views are asked for what is below the hypotheses: the inner ones know little."""
 READ_LEVEL = 0.005
 """Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
 CLIPPED_WEIGHT = 0.02
@@ -92,7 +92,7 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
     level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
     found, noise = _first_pass(level, options)
     if options.second_pass:
-        found, level = _second_pass(level, found, noise, options)
+        found = _second_pass(level, found, noise, options)
     found, told, picture = _refined(level, found, noise, options)
     if options.second_pass and options.regularise:
         found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
@@ -107,9 +107,12 @@ def _refined(
 ) -> tuple[FloatArray, Evidence, FloatArray]:
     """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
     axes = lattice_axes(field.offset)
-    for _ in range(ROUNDS):
+    telling = field.views(TELLING * field.aperture())
+    for views in (telling[::2], telling):
         picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
-        told = evidence(field, picture, found, noise=noise, threads=options.threads)
+        if options.second_pass and views is not telling:
+            field = _levelled(field, picture, found, noise, options)
+        told = evidence(field, picture, found, views=views, noise=noise, threads=options.threads)
         if not options.regularise:
             found = told.disparity
             continue
@@ -197,26 +200,27 @@ def _span(found: FloatArray) -> tuple[float, float]:
     return float(low) - 0.15, float(high) + 0.15
 
 
-def _second_pass(
-    field: MosaicField, first: FloatArray, noise: float, options: Matching
-) -> tuple[FloatArray, MosaicField]:
-    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`.
-
-    The field comes back too, with the brightness of its views levelled.
-    """
+def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: Matching) -> FloatArray:
+    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`."""
     if not np.isfinite(first).any():
-        return first, field
+        return first
     labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
     radius, doubt = field.aperture(), _doubt(first, 3)
     guide, _ = complete_centre(field, first, doubt, threads=options.threads)
-    field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
+    field = _levelled(field, guide, first, noise, options)
     inner, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
     outer = field.views(OUTER * radius, RIM * radius)
     costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
     found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
-    return np.where(np.isfinite(found), found, first).astype(np.float32), field
+    return np.where(np.isfinite(found), found, first).astype(np.float32)
+
+
+def _levelled(
+    field: MosaicField, picture: FloatArray, disparity: FloatArray, noise: float, options: Matching
+) -> MosaicField:
+    return levelled(field, picture, disparity, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
 
 
 def _band(first: FloatArray) -> tuple[FloatArray, FloatArray]:
