@@ -23,7 +23,8 @@ from lfflow.formats.pfm import read_pfm
 from lfflow.kernels.mosaicked.fusion import FUSIONS, trimmed_sum
 from lfflow.kernels.mosaicked.subpixel import minimum
 from lfflow.schema import lattice_of, lattice_variables
-from lfflow.simulate import Setting, simulate_capture, simulate_from_views, simulate_white
+from lfflow.simulate import simulate_capture, simulate_from_views, simulate_white
+from lfflow.simulate.body import Setting
 from lfflow.stages.demultiplex import demultiplex
 from lfflow.stages.disparity import disparity
 from lfflow.stages.transpose import transpose_disparity
