@@ -8,6 +8,7 @@ hypotheses the samples decide again, joined by a surface of little curvature tha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -90,16 +91,25 @@ def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, Floa
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
     level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
-    found, noise = _first_pass(level, options)
-    if options.second_pass:
-        found = _second_pass(level, found, noise, options)
-    found, told, picture = _refined(level, found, noise, options)
-    if options.second_pass and options.regularise:
-        found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
+    found, told = further_passes(level, *first_pass([level], options), options)
     known = np.isfinite(found) & inside(field)
     saturated = (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT)
     std, flags = error_map(np.where(known, found, np.nan), told, saturated, field, filled=options.regularise)
     return np.where(known, found, np.nan).astype(np.float32), std, flags
+
+
+def further_passes(
+    level: MosaicField, first: FloatArray, noise: float, options: Matching
+) -> tuple[FloatArray, Evidence]:
+    """Disparity (t, s) from all samples, started from `first`, and what the samples told of it.
+
+    `level` holds samples whose noise, of standard deviation `noise`, is the same at all levels.
+    """
+    found = _second_pass(level, first, noise, options) if options.second_pass else first
+    found, told, picture = _refined(level, found, noise, options)
+    if options.second_pass and options.regularise:
+        found = place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise)
+    return found, told
 
 
 def _refined(
@@ -157,8 +167,12 @@ def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
     return sorted(support, key=lambda pair: -support[pair])[:4]
 
 
-def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, float]:
-    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample."""
+def first_pass(fields: Sequence[MosaicField], options: Matching) -> tuple[FloatArray, float]:
+    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample.
+
+    Several fields of the same lenses and views, one for each colour, are matched together.
+    """
+    field = fields[0]
     pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
     longest = max(max(abs(a), abs(b)) for a, b in pairs)
     reach, costs = FIRST_RANGE, np.empty((len(pairs), 0, *field.rho.shape[1:]), dtype=np.float32)
@@ -166,9 +180,7 @@ def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, floa
         labels = _labels(options, 0.5 / longest, (-reach, reach))
         more = (len(labels) - costs.shape[1]) // 2
         beyond = np.concatenate([labels[:more], labels[len(labels) - more :]]) if costs.size else labels
-        cost = partial(pair_cost, field, hypotheses=beyond, sigma=options.sigma, min_support=options.min_support,
-                       interpolation=options.interpolation)  # fmt: skip
-        fresh = np.stack(each(cost, pairs, options.threads))
+        fresh = np.stack(each(partial(_pair_cost, fields, beyond, options), pairs, options.threads))
         costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
@@ -179,6 +191,14 @@ def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, floa
         if options.hypotheses is None and clear.any():
             found = np.clip(found, *_span(found[clear]))
         return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+
+
+def _pair_cost(
+    fields: Sequence[MosaicField], labels: npt.NDArray[np.float64], options: Matching, pair: Pair
+) -> FloatArray:
+    costs = [pair_cost(field, pair, labels, sigma=options.sigma, min_support=options.min_support,
+                       interpolation=options.interpolation) for field in fields]  # fmt: skip
+    return costs[0] if len(costs) == 1 else np.mean(costs, axis=0, dtype=np.float32)
 
 
 def _is_clear(cost: FloatArray, found: FloatArray) -> npt.NDArray[np.bool_]:
