@@ -7,6 +7,8 @@ picture's own slopes make up for it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numba
 import numpy as np
@@ -24,12 +26,11 @@ DARKEST, LIGHTEST = 0.5, 2.0
 
 def without_strangers(field: MosaicField) -> MosaicField:
     """Field without the views that are far darker or lighter than the central one: black, where others see."""
-    views = field.views()
-    light = {(j, i): np.median(field.mosaic[j, i][field.cfa[j, i] != CFA_NONE]) for j, i in views}
+    light = {at: _middle(field.mosaic[at], field.cfa[at]) for at in field.views()}
     mosaic, cfa, _ = field.view(0, 0)
     if not (cfa != CFA_NONE).any():
         return field
-    middle = np.median(mosaic[cfa != CFA_NONE])
+    middle = _middle(mosaic, cfa)
     strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
     if not strangers:
         return field
@@ -39,11 +40,18 @@ def without_strangers(field: MosaicField) -> MosaicField:
     return field._replace(cfa=cfas, weight=weights, mosaic=mosaics)
 
 
+def _middle(mosaic: FloatArray, cfa: npt.NDArray[np.uint8]) -> float:
+    """Median of the samples of every third row, or of all where those have none."""
+    some = mosaic[::3][cfa[::3] != CFA_NONE]
+    return float(np.median(some if some.size else mosaic[cfa != CFA_NONE]))
+
+
 def levelled(
     field: MosaicField,
     picture: FloatArray,
     disparity: FloatArray,
     *,
+    views: Sequence[tuple[int, int]],
     limit: float,
     least: float,
     sigma: float = 3.0,
@@ -53,6 +61,8 @@ def levelled(
 
     Parameters
     ----------
+    views
+        Places (v, u) in the arrays of the views that are levelled; the others stay as they are.
     limit
         Difference, in units of the mosaic, beyond which a sample hardly counts: it may show another surface.
     least
@@ -75,7 +85,7 @@ def levelled(
             cv2.GaussianBlur(part, (0, 0), sigma, dst=part, sigmaY=sigma / field.row_pitch)
         _take_off(total, field.cfa[j, i], np.float32(least**2), mosaic[j, i])
 
-    each(one_view, field.views(), threads)
+    each(one_view, views, threads)
     return field._replace(mosaic=mosaic)
 
 

@@ -121,7 +121,7 @@ def _refined(
     for views in (telling[::2], telling):
         picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
         if options.second_pass and views is not telling:
-            field = _levelled(field, picture, found, noise, options)
+            field = _levelled(field, telling, picture, found, noise, options)
         told = evidence(field, picture, found, views=views, noise=noise, threads=options.threads)
         if not options.regularise:
             found = told.disparity
@@ -183,11 +183,12 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> tuple[FloatA
         fresh = np.stack(each(partial(_pair_cost, fields, beyond, options), pairs, options.threads))
         costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
-        found = _decide(fused, labels, None, options, brick=_is_brick(field))
-        clear = _is_clear(fused, found) & inside(field)
-        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(found[clear], reach - 1 / longest):
+        clear = _is_clear(fused) & inside(field)
+        best = np.abs(minimum(fused, labels, "none")[0])[clear]
+        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
+        found = _decide(fused, labels, None, options, brick=_is_brick(field))
         if options.hypotheses is None and clear.any():
             found = np.clip(found, *_span(found[clear]))
         return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
@@ -201,17 +202,17 @@ def _pair_cost(
     return costs[0] if len(costs) == 1 else np.mean(costs, axis=0, dtype=np.float32)
 
 
-def _is_clear(cost: FloatArray, found: FloatArray) -> npt.NDArray[np.bool_]:
+def _is_clear(cost: FloatArray) -> npt.NDArray[np.bool_]:
     """Places (t, s) whose block has enough texture for its smallest cost to stand out of the noise."""
     known = np.isfinite(cost)
     mean = np.where(known, cost, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     least = np.where(known, cost, np.inf).min(axis=0)
-    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0) & np.isfinite(found))
+    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0))
 
 
-def _presses(found: FloatArray, border: float) -> bool:
-    """Whether disparities of clear places lie at the border of the range."""
-    return bool(found.size) and float(np.mean(np.abs(found) > border)) > PRESSED
+def _presses(away: FloatArray, border: float) -> bool:
+    """Whether disparities of clear places, at `away` from 0, lie at the border of the range."""
+    return bool(away.size) and float(np.mean(away > border)) > PRESSED
 
 
 def _span(found: FloatArray) -> tuple[float, float]:
@@ -227,10 +228,10 @@ def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: M
     labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
     radius, doubt = field.aperture(), _doubt(first, 3)
     guide, _ = complete_centre(field, first, doubt, threads=options.threads)
-    field = _levelled(field, guide, first, noise, options)
-    inner, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
-    outer = field.views(OUTER * radius, RIM * radius)
-    costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
+    inner, outer = field.views(0, INNER * radius), field.views(OUTER * radius, RIM * radius)
+    field = _levelled(field, inner + outer, guide, first, noise, options)
+    picture, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
+    costs = model_costs(field, picture, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
     found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
@@ -238,9 +239,11 @@ def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: M
 
 
 def _levelled(
-    field: MosaicField, picture: FloatArray, disparity: FloatArray, noise: float, options: Matching
-) -> MosaicField:
-    return levelled(field, picture, disparity, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
+    field: MosaicField, views: Sequence[Pair], picture: FloatArray, disparity: FloatArray, noise: float,
+    options: Matching,
+) -> MosaicField:  # fmt: skip
+    return levelled(field, picture, disparity, views=views, limit=STRANGE * noise, least=UNEVEN * noise,
+                    threads=options.threads)  # fmt: skip
 
 
 def _band(first: FloatArray) -> tuple[FloatArray, FloatArray]:
