@@ -22,6 +22,7 @@ from lfflow.kernels.colour.completion import complete_centre
 from lfflow.kernels.mosaicked.edge_place import place_edges
 from lfflow.kernels.mosaicked.error_map import TEXTURELESS, error_map, half_range
 from lfflow.kernels.mosaicked.fusion import Fusion, fuse_costs
+from lfflow.kernels.mosaicked.islands import without_islands
 from lfflow.kernels.mosaicked.levelling import levelled, without_strangers
 from lfflow.kernels.mosaicked.model_cost import model_costs
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField
@@ -108,7 +109,7 @@ def further_passes(
     found = _second_pass(level, first, noise, options) if options.second_pass else first
     found, told, picture = _refined(level, found, noise, options)
     if options.second_pass and options.regularise:
-        found = place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise)
+        found = without_islands(place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise))
     return found, told
 
 
