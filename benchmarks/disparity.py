@@ -118,7 +118,7 @@ def whole_chain(fields: list[xr.Dataset]) -> Image:
         weight=np.concatenate([field.weight for field in level], axis=1),
         u=np.concatenate([field.u for field in level]),
     )
-    return further_passes(together, *first_pass(level, options), options)[0]
+    return further_passes(together, first_pass(level, options), options)[0]
 
 
 def field_of(lf: xr.Dataset) -> MosaicField:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +45,7 @@ PRESSED = 0.04
 """Share of the clear places that may lie at the border before the range is doubled."""
 INNER, OUTER, RIM = 0.58, 0.73, 1.09
 """Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
-FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.3, 6.0)
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.6, 8.0)
 """Price of a change by one step and of a jump, in units of the cost of what fits."""
 EDGE, LEAST_EDGE = 2.0, 0.02
 """Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
@@ -56,8 +57,10 @@ CLEAR = 4.0
 STRANGE, UNEVEN = 6.0, 0.1
 """Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
 the mean over several lenses where the light of the view is another."""
-SECOND_BLOCK = 1.0
+SECOND_BLOCK = 0.8
 """Gaussian of the second pass, lens pitches."""
+MOSTLY_NOISE = 0.25
+"""Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
 STIFFNESS, JUMP = 2e4, 0.03
@@ -88,25 +91,44 @@ class Matching:
     threads: int = 1
 
 
+class First(NamedTuple):
+    """What the first pass tells.
+
+    Parameters
+    ----------
+    disparity
+        (t, s), lens pitches per view step.
+    noise
+        Standard deviation of the noise of a sample.
+    clear
+        Share of the lenses whose blocks have enough texture to stand out of the noise.
+    """
+
+    disparity: FloatArray
+    noise: float
+    clear: float
+
+
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
     level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
-    found, told = further_passes(level, *first_pass([level], options), options)
+    found, told = further_passes(level, first_pass([level], options), options)
     known = np.isfinite(found) & inside(field)
     saturated = (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT)
     std, flags = error_map(np.where(known, found, np.nan), told, saturated, field, filled=options.regularise)
     return np.where(known, found, np.nan).astype(np.float32), std, flags
 
 
-def further_passes(
-    level: MosaicField, first: FloatArray, noise: float, options: Matching
-) -> tuple[FloatArray, Evidence]:
+def further_passes(level: MosaicField, first: First, options: Matching) -> tuple[FloatArray, Evidence]:
     """Disparity (t, s) from all samples, started from `first`, and what the samples told of it.
 
-    `level` holds samples whose noise, of standard deviation `noise`, is the same at all levels.
+    `level` holds samples whose noise is the same at all levels.
     """
-    found = _second_pass(level, first, noise, options) if options.second_pass else first
+    found, noise = first.disparity, first.noise
+    if options.second_pass:
+        for _ in range(1 if first.clear > MOSTLY_NOISE else 2):
+            found = _second_pass(level, found, noise, options)
     found, told, picture = _refined(level, found, noise, options)
     if options.second_pass and options.regularise:
         found = without_islands(place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise))
@@ -168,8 +190,8 @@ def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
     return sorted(support, key=lambda pair: -support[pair])[:4]
 
 
-def first_pass(fields: Sequence[MosaicField], options: Matching) -> tuple[FloatArray, float]:
-    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample.
+def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
+    """What same-colour pairs tell.
 
     Several fields of the same lenses and views, one for each colour, are matched together.
     """
@@ -192,7 +214,8 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> tuple[FloatA
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
         if options.hypotheses is None and clear.any():
             found = np.clip(found, *_span(found[clear]))
-        return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+        noise = float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+        return First(found, noise, float(clear.sum() / max(inside(field).sum(), 1)))
 
 
 def _pair_cost(
