@@ -23,7 +23,7 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-FLOOR = 0.0015
+FLOOR = 0.0016
 """What stays without noise, lens pitches per view step: the picture is read between its lenses."""
 SCATTER = 1.55
 """Std of the surface in units of what the evidence around a place leaves, times how the evidence scatters about it."""

@@ -47,7 +47,7 @@ INNER, OUTER, RIM = 0.58, 0.73, 1.09
 """Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
 FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.6, 8.0)
 """Price of a change by one step and of a jump, in units of the cost of what fits."""
-EDGE, LEAST_EDGE = 2.0, 0.02
+EDGE, LEAST_EDGE = 1.5, 0.02
 """Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
 2.7 times cheaper, and loosens the surface to half."""
 PAIR_NOISE = 1.2
@@ -63,9 +63,9 @@ MOSTLY_NOISE = 0.25
 """Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP = 2e4, 0.03
-"""Of the surface, `lfflow.kernels.surface.fit_surface`."""
-MOST_DOUBT = 0.1
+STIFFNESS, JUMP, STEPS = 2e4, 0.02, 120
+"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
+MOST_DOUBT = 0.03
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
 TELLING = 0.45
 """Radius of the aperture from which views are asked for what is below the hypotheses: the inner ones know little."""
@@ -131,7 +131,8 @@ def further_passes(level: MosaicField, first: First, options: Matching) -> tuple
             found = _second_pass(level, found, noise, options)
     found, told, picture = _refined(level, found, noise, options)
     if options.second_pass and options.regularise:
-        found = without_islands(place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise))
+        found = place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise)
+        found = without_islands(found, told.own > TEXTURELESS)
     return found, told
 
 
@@ -153,7 +154,7 @@ def _refined(
         doubt = np.minimum(told.own, MOST_DOUBT)
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
-                            jump=np.hypot(JUMP, doubt), edge=_edge(noise))  # fmt: skip
+                            jump=np.hypot(JUMP, doubt), edge=_edge(noise), iterations=STEPS)  # fmt: skip
     return found, told, picture
 
 
