@@ -7,7 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.kernels.sensor.demultiplex import round_to_pixel
-from lfflow.kernels.transpose import transpose_map
+from lfflow.kernels.transpose import SourceMap, transpose_maps
 from lfflow.lattice import Lattice
 from lfflow.schema import lattice_variables
 from lfflow.simulate.body import BODIES, Body, Setting
@@ -78,7 +78,8 @@ def _surfaces(rgb: xr.DataArray, disparity: xr.DataArray | None) -> npt.NDArray[
     centre = np.zeros(shape, np.float32) if disparity is None else disparity.transpose("t", "s").values
     blank = np.zeros(shape, np.float32)
     views = (np.asarray(rgb["v"]), np.asarray(rgb["u"]))
-    seen, _, _ = transpose_map(centre, blank, blank.astype(np.uint8), views, blank[:, 0], 1.0)
+    source = SourceMap(centre, blank, blank.astype(np.uint8), 0, 0)
+    seen, _, _ = transpose_maps([source], views, blank[:, 0], 1.0)
     return np.nan_to_num(seen)
 
 

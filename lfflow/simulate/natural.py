@@ -14,9 +14,6 @@ FloatArray = npt.NDArray[np.float64]
 Outline = Callable[[FloatArray, FloatArray], FloatArray]
 OutlineMaker = Callable[[np.random.Generator, FloatArray, float], Outline]
 
-LARGEST_DISPARITY = 0.55
-"""All disparities of a natural scene lie within ± this, in lens pitches per view step."""
-
 _PALETTES = {
     "leaves": [(0.05, 0.16, 0.04), (0.18, 0.34, 0.08), (0.40, 0.45, 0.12), (0.09, 0.22, 0.12), (0.02, 0.06, 0.02)],
     "earth": [(0.24, 0.16, 0.10), (0.42, 0.33, 0.22), (0.12, 0.08, 0.06), (0.60, 0.52, 0.40), (0.30, 0.30, 0.28)],
@@ -32,6 +29,8 @@ def palette(name: str) -> FloatArray:
 
 def natural_scene(rng: np.random.Generator, half_size: float, *, objects: int = 7) -> Scene:
     """Scene of a backdrop, a ground that rises towards the camera, and objects in front of them.
+
+    All disparities lie within ±0.55 lens pitches per view step.
 
     Parameters
     ----------

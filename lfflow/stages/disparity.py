@@ -1,4 +1,4 @@
-"""Disparity of the central view (METHOD 8)."""
+"""Disparity of one view, the central one if no other is asked for (METHOD 8)."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ _OUTPUTS = [(_MAP, "float32"), (_MAP, "float32"), (_MAP, "uint8")]
 def disparity(
     lf: xr.Dataset,
     *,
+    u: int = 0,
+    v: int = 0,
     pairs: Sequence[Pair] | None = None,
     hypotheses: Sequence[float] | npt.NDArray[np.floating] | None = None,
     sigma: float = 1.5,
@@ -38,7 +40,7 @@ def disparity(
     threads: int = 1,
     **view_options: Any,
 ) -> xr.Dataset:
-    """Disparity of the central view of a light field, with its error map.
+    """Disparity of one view of a light field, with its error map.
 
     Parameters
     ----------
@@ -46,9 +48,12 @@ def disparity(
         Mosaicked light field (`lfflow.schema.LIGHTFIELD`), or a dataset of full-colour views with ``rgb``, which goes
         to `lfflow.stages.view_matching.disparity_of_views` with `threads` and `view_options`; the other options have no
         meaning there. Any dim order, numpy or dask, with or without ``capture``.
+    u, v
+        View whose disparity is wanted, one of those of `lf`. It is best known for the central one, which has others on
+        all sides; `lfflow.transpose_disparity` carries it to every view, and joins those of several.
     pairs
-        Baselines (pair_u, pair_v) of the first pass; by default those of the row and the column of the central view
-        whose same-colour support, measured on the field, is enough.
+        Baselines (pair_u, pair_v) of the first pass; by default those of the row and the column of the view whose
+        same-colour support, measured on the field, is enough.
     hypotheses
         Disparities that bound the search, lens pitches per view step; by default −1 to 1, doubled while the disparities
         press against the border.
@@ -60,7 +65,7 @@ def disparity(
     fusion
         How the costs of pairs and of sides of the aperture become one: `lfflow.kernels.mosaicked.fusion.fuse_costs`.
     second_pass
-        Complete the colours of the central view along the first disparity and compare every sample of every view with
+        Complete the colours of the view along the first disparity and compare every sample of every view with
         it.
     regularise
         Aggregate along paths that follow the picture's edges and fill what has no texture from trusted neighbours. Off:
@@ -73,13 +78,12 @@ def disparity(
     Returns
     -------
     Dataset ``disparity``, ``disparity_std`` (float32, lens pitches per view step) and ``flags`` (uint8 bits: no data,
-    low texture, saturated, occluded, filled), dims (t, s), for the view of the scalar coordinates u = v = 0. Lazy where
-    `lf` is.
+    low texture, saturated, occluded, filled), dims (t, s), with the scalar coordinates u, v. Lazy where `lf` is.
 
     Raises
     ------
     ValueError
-        An option is unknown, or the light field has no central view.
+        An option is unknown, or the light field has no such view.
     TypeError
         An option has no meaning for `lf`.
     SchemaError
@@ -97,8 +101,9 @@ def disparity(
         min_support=min_support,
         threads=threads,
     )
+    lf = _seen_from(lf, u, v)
     if "rgb" in lf.data_vars and "mosaic" not in lf.data_vars:
-        return _of_views(lf, options, view_options)
+        return DISPARITY.annotate(_of_views(lf, options, view_options).assign_coords(u=u, v=v))
     if view_options:
         raise TypeError(f"unknown option {', '.join(sorted(view_options))} for a mosaicked light field")
     _check("interpolation", interpolation, INTERPOLATIONS)
@@ -110,8 +115,19 @@ def disparity(
 
     found = on_field(match, lf, _OUTPUTS, {})
     out = xr.Dataset(dict(zip(("disparity", "disparity_std", "flags"), found, strict=True)))
-    out = out.assign_coords({**carried_coords(lf, _MAP), "u": 0, "v": 0})
+    out = out.assign_coords({**carried_coords(lf, _MAP), "u": u, "v": v})
     return DISPARITY.annotate(out)
+
+
+def _seen_from(lf: xr.Dataset, u: int, v: int) -> xr.Dataset:
+    """The same views, counted from another one: disparities are of points, whichever view they are counted from."""
+    if (u, v) == (0, 0):
+        return lf
+    for name, wanted in (("u", u), ("v", v)):
+        known = lf[name].values.tolist() if name in lf.variables else []
+        if wanted not in known:
+            raise ValueError(f"no view {name}={wanted}: the light field has {name} {known}")
+    return lf.assign_coords(u=lf["u"] - u, v=lf["v"] - v)
 
 
 def _check(name: str, value: str, known: tuple[str, ...]) -> None:

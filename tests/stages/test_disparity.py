@@ -60,21 +60,39 @@ def step():
         return np.where(near, plane(0.4, seed=2)(X, Y, a, b, colour), plane(-0.2, seed=3)(X, Y, a, b, colour))
 
     lf = lightfield(scene, shape=(52, 60), noise=0.002)
+    return lf, lfflow.disparity(lf), true_step(lf, 0, 0)
+
+
+def true_step(lf, u, v):
     X = np.arange(60)[None, :] + 0.5 * (np.arange(52) % 2)[:, None]
     Y = np.arange(52)[:, None] * lattice_of(lf).row_pitch
-    truth = np.where((np.abs(X - 30) < 10) & (np.abs(Y - 22) < 10), 0.4, -0.2)
-    return lfflow.disparity(lf), truth
+    return np.where((np.abs(X + 0.4 * u - 30) < 10) & (np.abs(Y + 0.4 * v - 22) < 10), 0.4, -0.2)
 
 
 def test_a_near_square_keeps_its_edges(step):
-    out, truth = step
+    _, out, truth = step
     error = np.abs(out.disparity.to_numpy() - truth)[5:-5, 5:-5]
     assert np.median(error) < 0.01
     assert (error > 0.1).mean() < 0.04
 
 
+@pytest.mark.parametrize(("u", "v"), [(2, 0), (0, -3)])
+def test_another_view_has_a_map_of_its_own(step, u, v):
+    lf, _, _ = step
+    out = lfflow.disparity(lf, u=u, v=v)
+    error = np.abs(out.disparity.to_numpy() - true_step(lf, u, v))[5:-5, 5:-5]
+    assert np.median(error) < 0.01
+    assert (error > 0.1).mean() < 0.05
+    assert (int(out.u), int(out.v)) == (u, v)
+
+
+def test_a_view_that_is_not_there_is_refused(step):
+    with pytest.raises(ValueError, match="no view u=7"):
+        lfflow.disparity(step[0], u=7)
+
+
 def test_two_thirds_of_the_errors_lie_within_one_std_and_most_within_two(step):
-    out, truth = step
+    _, out, truth = step
     valid = out.flags.to_numpy() == 0
     ratio = (np.abs(out.disparity.to_numpy() - truth) / out.disparity_std.to_numpy())[valid]
     assert 0.6 < (ratio < 1).mean() < 0.76

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 import lfflow
-from lfflow.schema import DISPARITY
+from lfflow.schema import DISPARITY, lattice_of
 from tests.conftest import raise_if_dask_computes
 from tests.mosaic_fields import lightfield, plane
 
@@ -58,3 +58,60 @@ def test_lazy(scene):
     with raise_if_dask_computes():
         lazy = lfflow.transpose_disparity(disp.chunk({"t": 7}), lf)
     xr.testing.assert_identical(lazy.compute(), lfflow.transpose_disparity(disp, lf))
+
+
+def seen_from(scene: tuple[xr.Dataset, xr.Dataset], u: int, v: int) -> xr.Dataset:
+    """The map of view (u, v) by formula: the square of the scene lies 0.5·(u, v) lens pitches away there."""
+    disp, lf = scene
+    row_pitch = lattice_of(lf).row_pitch
+    t, s = np.mgrid[:40, :50]
+    x, y = s + 0.5 * (t % 2) + 0.5 * u, (t + 0.5 * v / row_pitch)
+    near = (x >= 17.9) & (x < 34.1) & (y >= 11.6) & (y < 27.6)
+    disparity = np.where(near, np.float32(0.5), np.float32(-0.25))
+    return disp.assign(disparity=(("t", "s"), disparity)).assign_coords(u=u, v=v)
+
+
+def test_what_one_view_does_not_see_is_taken_from_another(scene):
+    lf = scene[1]
+    views = [(0, 0), (-3, 0), (3, 0)]
+    alone = lfflow.transpose_disparity(seen_from(scene, 0, 0), lf).sel(u=4, v=0)
+    fused = lfflow.transpose_disparity([seen_from(scene, *view) for view in views], lf).sel(u=4, v=0)
+    wanted = seen_from(scene, 4, 0).disparity
+    hidden = ((alone.flags & 16) > 0) & (wanted < 0)
+    assert int(hidden.sum()) > 20
+    inner = {"t": slice(2, -2), "s": slice(4, -4)}
+    assert float(((fused.flags & 16) > 0).isel(inner).where(hidden).mean()) < 0.2
+    assert float((abs(fused.disparity - wanted) < 0.01).isel(inner).mean()) > 0.98
+
+
+def test_what_the_other_maps_see_past_is_left_out(scene):
+    lf = scene[1]
+    views = [(0, 0), (-2, 0), (2, 0), (0, -2), (0, 2)]
+    maps = [seen_from(scene, *view) for view in views]
+    wrong = maps[0].disparity.copy()
+    wrong[3:7, 5:40] = 0.9
+    fused = lfflow.transpose_disparity([maps[0].assign(disparity=wrong), *maps[1:]], lf).sel(u=0, v=0)
+    inner = {"t": slice(2, -2), "s": slice(2, -2)}
+    right = abs(fused.disparity - maps[0].disparity).isel(inner) < 0.01
+    assert float(right.mean()) > 0.98
+    assert bool(right.sel(t=slice(3, 6)).all())
+
+
+def test_equal_maps_fuse_to_themselves_and_none_are_refused(scene):
+    disp, lf = scene
+    fused = lfflow.transpose_disparity([disp, disp], lf).sel(u=0, v=0)
+    xr.testing.assert_allclose(fused[list(disp.data_vars)], disp, atol=1e-6)
+    with pytest.raises(ValueError, match="no disparity map"):
+        lfflow.transpose_disparity([], lf)
+
+
+def test_full_colour_views_are_places_of_a_square_grid(scene):
+    disparity = xr.DataArray(np.where(np.mgrid[:20, :30][1] < 15, 1.0, 0.0).astype("f4"), dims=("t", "s"))
+    disp = xr.Dataset({"disparity": disparity, "disparity_std": disparity * 0 + 0.01,
+                       "flags": (disparity * 0).astype("u1")}, {"u": 0, "v": 0})  # fmt: skip
+    views = xr.Dataset({"rgb": (("v", "u", "t", "s", "channel"), np.zeros((3, 3, 20, 30, 3), "f4"))},
+                       {"v": [-1, 0, 1], "u": [-1, 0, 1]})  # fmt: skip
+    out = lfflow.transpose_disparity(disp, views)
+    assert DISPARITY.issues(out) == []
+    assert (out.disparity.sel(v=0, u=-1) == 1).sum("s").isin([16]).all()
+    assert (out.disparity.sel(v=0, u=1) == 1).sum("s").isin([14]).all()

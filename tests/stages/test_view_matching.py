@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import lfflow
 from lfflow.stages.scores import scores
 from lfflow.stages.view_matching import disparity_of_views
 
@@ -103,3 +104,13 @@ def test_scores_of_known_errors():
     assert result["badpix_001"] == pytest.approx(200 / 16)
     assert result["mse_100"] == pytest.approx(100 * (0.25 + 0.0004) / 16)
     assert result["q25"] == 0
+
+
+def test_another_view_than_the_central_one(views):
+    field, _ = views
+    found = lfflow.disparity(field, u=2, v=-1)
+    t, s = np.mgrid[:SIZE, :SIZE]
+    near = (np.abs(s + 2 * NEAR - 36) < 14) & (np.abs(t - NEAR - 36) < 14)
+    result = scores(found.disparity, xr.DataArray(np.where(near, NEAR, FAR), dims=("t", "s")))
+    assert result["badpix_007"] < 6
+    assert (int(found.u), int(found.v)) == (2, -1)
