@@ -36,6 +36,9 @@ CASES = {
     "Illum": (Lattice(14.29, 14.297, 0.0012, 3.3, 4.4), 0.0, 1),
     "square 20": (Lattice(20.2, 20.2, 0.01, 3.3, 4.4, "square"), 0.0, 1),
     "F01, gathered": (F01, 0.0, 3),
+    "F01, cat's eye 0.02": (F01, 0.02, 1),
+    "F01, cat's eye 0.05": (F01, 0.05, 1),
+    "F01, cat's eye 0.1": (F01, 0.1, 1),
     "F01, cat's eye 0.2": (F01, 0.2, 1),
     "F01, cat's eye 0.6": (F01, 0.6, 1),
     "F01, cat's eye 0.9": (F01, 0.9, 1),
@@ -50,10 +53,13 @@ def light_of(lattice: Lattice, shape: Shape, cat_eye: float = 0.0, fine: int = 1
     """Levels of a white image without noise; each pixel gathers it at `fine`² points of its area."""
     light, total = np.empty(shape, np.float32), np.zeros(shape, np.float32)
     profile = Optics(cat_eye=cat_eye).profile(lattice, *shape)
+    field = frame_of(lattice, *shape)  # a lens is as bright as it is, wherever in a pixel its light is taken
     places = (np.arange(fine) + 0.5) / fine - 0.5
     for x in places:
         for y in places:
-            illuminate(light, 0, frame_of(replace(lattice, cx=lattice.cx - x, cy=lattice.cy - y), *shape), profile)
+            nudged = replace(lattice, cx=lattice.cx - x, cy=lattice.cy - y)
+            frame = frame_of(nudged, *shape)._replace(origin_x=field.origin_x, origin_y=field.origin_y)
+            illuminate(light, 0, frame, profile)
             total += light
     return total / fine**2 * np.tile(COLOURS, (shape[0] // 2, shape[1] // 2))
 
@@ -66,7 +72,7 @@ def fast_path(raw: np.ndarray, *, black: float = 168.0, scene: bool = False) -> 
     return image, fit(measure_centres(flat, guess), guess, raw.shape)
 
 
-def bound(lattice: Lattice, size: int, cat_eye: float = 0.0) -> float:
+def bound(lattice: Lattice, size: int, cat_eye: float = 0.0, fine: int = 1) -> float:
     """Cramér-Rao bound of the rms over all lenses, by differences of the forward model itself on a smaller sensor.
 
     Information grows with the area for the origin and with its square for pitch and rotation, so that the rms distance
@@ -74,13 +80,13 @@ def bound(lattice: Lattice, size: int, cat_eye: float = 0.0) -> float:
     """
     small = min(size, 1000)
     lattice = lattice.anchored(small, small)
-    middle = light_of(lattice, (small, small), cat_eye)
+    middle = light_of(lattice, (small, small), cat_eye, fine)
     variance = Sensor().noise_std(middle) ** 2
     steps = np.array([1e-4, 1e-4, 1e-5, 1e-2, 1e-2])
     slopes = []
     for index, step in enumerate(steps):
         change = np.eye(5)[index] * step
-        sides = [light_of(moved(lattice, sign * change), (small, small), cat_eye) for sign in (1, -1)]
+        sides = [light_of(moved(lattice, sign * change), (small, small), cat_eye, fine) for sign in (1, -1)]
         slope = ((sides[0] - sides[1]) / (2 * step)).astype(float)
         # Pixels that change their lens jump; the model of the information is its smooth part.
         slopes.append(slope[2:-2, 2:-2].ravel())
@@ -184,7 +190,7 @@ def main(size: int, seeds: int, first: int) -> None:
         rows = np.array([measure(case, (size, size), seed) for seed in range(first, first + seeds)])
         peaks, fast, best = np.sqrt(np.mean(rows[:, :3] ** 2, axis=0))
         fast_s, best_s, fast_chi, best_chi = rows[:, 3:].mean(axis=0)
-        least = bound(case[0], size, case[1])
+        least = bound(case[0], size, case[1], case[2])
         print(
             f"{name:<24}{peaks:9.5f}{fast:9.5f}{best:9.5f}{least:9.5f}{best / least:9.2f}"
             f"{fast_s:9.2f}{best_s:9.2f}{fast_chi:9.1f}{best_chi:9.1f}",

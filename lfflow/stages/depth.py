@@ -20,7 +20,7 @@ def strength(ds: xr.Dataset | xr.DataArray, image_distance: float | xr.DataArray
     """
     missing = [n for n in _NEEDED if n not in ds.coords or not bool(np.isfinite(ds[n]).all()) or not (ds[n] > 0).all()]
     if missing:
-        raise LfflowError(f"no depth without {', '.join(missing)}: the capture's metadata do not give it")
+        raise LfflowError(f"no depth without {', '.join(missing)}: neither the disparity nor a camera= tells it")
     square = image_distance * image_distance
     return xr.DataArray(ds["pixel_pitch"] * square / (ds["mla_offset_z"] * ds["lens_pitch"])).reset_coords(drop=True)
 
@@ -31,6 +31,7 @@ def depth(
     focus_distance: float | None = None,
     known: Sequence[tuple[float, float]] | None = None,
     disparity_of_view_step: float | None = None,
+    camera: xr.Dataset | None = None,
 ) -> xr.Dataset:
     """Distance from the main lens, and its standard deviation.
 
@@ -47,6 +48,9 @@ def depth(
         Pairs (disparity, metres) of measured points. One fits z_f; two or more fit z_f and the strength together.
     disparity_of_view_step
         Strength δ·B²/(f·P) in metres, when it is known better than the metadata tell.
+    camera
+        Dataset of the same captures whose coordinates tell what those of `disp` do not: the light field, where `disp`
+        comes out of a collection's store.
 
     Returns
     -------
@@ -61,6 +65,7 @@ def depth(
     """
     if (focus_distance is None) == (known is None):
         raise LfflowError("depth needs the distance in focus (focus_distance, metres) or points of known depth (known)")
+    disp = disp if camera is None else _with_lens_data(disp, camera)
     if known is not None:
         power, focus = _fit(disp, known, disparity_of_view_step)
     else:
@@ -80,11 +85,18 @@ def depth(
     return out
 
 
+def _with_lens_data(disp: xr.Dataset, camera: xr.Dataset) -> xr.Dataset:
+    if "capture" in disp.dims and "capture" in camera.dims:
+        camera = camera.sel(capture=disp["capture"])
+    missing = [n for n in (*_NEEDED, "focal_length") if n in camera.coords and n not in disp.coords]
+    return disp.assign_coords({name: camera[name].variable for name in missing})
+
+
 def _power(disp: xr.Dataset, focus: xr.DataArray, told: float | None) -> xr.DataArray:
     if told is not None:
         return xr.DataArray(told)
     if "focal_length" not in disp.coords or not bool(np.isfinite(disp["focal_length"]).all()):
-        raise LfflowError("no depth without focal_length: the capture's metadata do not give it")
+        raise LfflowError("no depth without focal_length: neither the disparity nor a camera= tells it")
     return strength(disp, 1.0 / (1.0 / disp["focal_length"] - focus).reset_coords(drop=True))
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +31,6 @@ _FEW = 4
 """So many views are gathered one by one; more share the surfaces of the central view."""
 _FIELD = list(FIELD_DIMS)
 _CAPTURE_CORES = [_FIELD] * 5 + [[]] * 6 + [[dim] for dim in FIELD_DIMS] + [["axis", "term"]]
-_SURFACE_DIMS = ["surface_y", "surface_x"]
 
 
 def reconstruct_views(
@@ -44,9 +45,10 @@ def reconstruct_views(
     """Every colour at every place: same-colour samples of all views gathered along the disparity.
 
     A sample counts by its distance from the place, its vignetting weight, the agreement of its own disparity with that
-    of the place, and the standard deviation of the disparity times the baseline. The places in the aperture are the
-    true ones (view offset + rounding of the lens centre), so the views come out rectified. What no sample reaches is
-    interpolated in the view, guided by its other colours, and flagged.
+    of the place, and the standard deviation of the disparity times the baseline. Colours are shrunk towards the line on
+    which those around them lie, by the share of their scatter that is noise of the samples. The places in the aperture
+    are the true ones (view offset + rounding of the lens centre), so the views come out rectified. What no sample
+    reaches is interpolated in the view, guided by its other colours, and flagged.
 
     Parameters
     ----------
@@ -63,8 +65,9 @@ def reconstruct_views(
         How samples are weighed.
     shared
         True: the samples of all views are gathered once, on the surfaces that the central view sees; each view reads
-        them there, corrects them by its own samples, and gathers only what the centre does not see. False: every view
-        gathers for itself, which costs ten times as much for all views. By default True for more than four views.
+        them there, and gathers only what the centre does not see or where a doubtful disparity would show. False:
+        every view gathers for itself, which costs four times as much for all views. By default True for more than
+        four views.
 
     Returns
     -------
@@ -88,17 +91,10 @@ def reconstruct_views(
     inputs.append(distortion_numbers(lf))
     if shared is None:
         shared = wanted["v"].size * wanted["u"].size > _FEW
-    surfaces = _surfaces(lf, inputs, rule) if shared else []
-
-    def work(*blocks: Array) -> tuple[Array, ...]:
-        return _views(blocks, scale, rule, shared=bool(shared))
-
     parts = xr.apply_ufunc(
-        work,
-        *inputs,
+        partial(_views, rule=rule, on_lenses=scale is None),
+        _ready(inputs, scale, rule, shared=shared),
         *_view_tasks(wanted, fields),
-        *surfaces,
-        input_core_dims=_CAPTURE_CORES + [[], []] + [[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] * len(surfaces[1:]),
         output_core_dims=[["t_out", "s_out", "channel"], *([["t_out", "s_out"]] * 3)],
         dask="parallelized",
         output_dtypes=["float32", "uint8", "float32", "float32"],
@@ -119,60 +115,55 @@ def reconstruct_views(
     return VIEWS.annotate(out.transpose(*lead, *FIELD_DIMS, "channel", ...))
 
 
-def _surfaces(lf: xr.Dataset, inputs: Sequence[xr.DataArray], rule: Rule) -> list[xr.DataArray]:
-    """Colours and disparity of the surfaces that the central view sees, one task a capture."""
-    row_pitch = grid_of(lf).row_pitch
-    rows, columns = surface_shape(float(lf.sizes["s"]), (lf.sizes["t"] - 1) * row_pitch)
+@dataclass(frozen=True)
+class _Ready:
+    """What the views of one capture share, and the places (I, J) that they are wanted at."""
 
-    def work(*blocks: Array) -> tuple[Array, Array]:
-        lead = _lead(blocks, _CAPTURE_CORES)
-        planes = np.empty((*lead, rows, columns, 9), dtype=np.float32)
-        disparity = np.empty((*lead, rows, columns), dtype=np.float32)
+    capture: Capture
+    surface: Surface | None
+    x: Array
+    y: Array
+
+
+def _ready(inputs: Sequence[xr.DataArray], scale: float | None, rule: Rule, *, shared: bool) -> xr.DataArray:
+    """A `_Ready` for each capture, one task each.
+
+    Views take it whole: as core dims of theirs the fields would be copied for every view.
+    """
+
+    def work(*blocks: Array) -> Array:
+        lead = np.broadcast_shapes(
+            *(block.shape[: block.ndim - len(core)] for block, core in zip(blocks, _CAPTURE_CORES, strict=True))
+        )
+        out = np.empty(lead, dtype=object)
         for index in np.ndindex(*lead):
-            capture, _, _ = _capture(_at(blocks, _CAPTURE_CORES, index))
-            surface = surface_of(capture, (rows, columns), rule)
-            planes[index], disparity[index] = surface.planes.reshape(rows, columns, 9), surface.disparity
-        return planes, disparity
+            capture, grid, t, s = _capture(_at(blocks, _CAPTURE_CORES, index))
+            surface = None
+            if shared:
+                shape = surface_shape(float(len(s)), float(t[-1] - t[0]) * grid.row_pitch)
+                surface = surface_of(capture, shape, rule)
+            out[index] = _Ready(capture, surface, *_places(grid, t, s, scale))
+        return out
 
-    parts: tuple[xr.DataArray, xr.DataArray] = xr.apply_ufunc(
-        work,
-        *inputs,
-        input_core_dims=_CAPTURE_CORES,
-        output_core_dims=[[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS],
-        dask="parallelized",
-        output_dtypes=["float32", "float32"],
-        dask_gufunc_kwargs={"output_sizes": {"surface_y": rows, "surface_x": columns, "plane": 9}},
+    ready: xr.DataArray = xr.apply_ufunc(
+        work, *inputs, input_core_dims=_CAPTURE_CORES, dask="parallelized", output_dtypes=[object]
     )
-    return list(parts)
+    return ready
 
 
-def _views(blocks: Sequence[Array], scale: float | None, rule: Rule, *, shared: bool) -> tuple[Array, ...]:
-    """Views of a block of captures and viewpoints; what a capture's views share is prepared once."""
-    cores = [*_CAPTURE_CORES, [], [], *([[*_SURFACE_DIMS, "plane"], _SURFACE_DIMS] if shared else [])]
-    lead = _lead(blocks, cores)
+def _views(ready: Array, v: Array, u: Array, *, rule: Rule, on_lenses: bool) -> tuple[Array, ...]:
+    """Views of a block of captures and viewpoints."""
+    captures, at_v, at_u = np.broadcast_arrays(ready, v, u)
     out: list[Array] = []
-    for index in np.ndindex(*lead[:-2]):
-        capture, grid, axes = _capture(_at(blocks[:16], _CAPTURE_CORES, (*index, 0, 0)))
-        x, y = _places(grid, *axes, scale)
-        surface = None
-        if shared:
-            planes, there = _at(blocks[18:], cores[18:], (*index, 0, 0))
-            surface = Surface(planes.reshape(*there.shape, 3, 3), there)
-        for view in np.ndindex(*lead[-2:]):
-            v, u = (float(value) for value in _at(blocks[16:18], [[], []], (*index, *view)))
-            found = one_view(capture, surface, x, y, (v, u), rule, on_lenses=scale is None)
-            if not out:
-                out = [np.empty((*lead, *part.shape), dtype=part.dtype) for part in found]
-            for whole, part in zip(out, found, strict=True):
-                whole[(*index, *view)] = part
+    for index in np.ndindex(*captures.shape):
+        this = cast("_Ready", captures[index])
+        view = float(at_v[index]), float(at_u[index])
+        found = one_view(this.capture, this.surface, this.x, this.y, view, rule, on_lenses=on_lenses)
+        if not out:
+            out = [np.empty((*captures.shape, *part.shape), dtype=part.dtype) for part in found]
+        for whole, part in zip(out, found, strict=True):
+            whole[index] = part
     return tuple(out)
-
-
-def _lead(blocks: Sequence[Array], cores: Sequence[Sequence[str]]) -> tuple[int, ...]:
-    """Shape of the loop dims of arrays whose last dims are the core dims."""
-    return np.broadcast_shapes(
-        *(block.shape[: block.ndim - len(core)] for block, core in zip(blocks, cores, strict=True))
-    )
 
 
 def _at(blocks: Sequence[Array], cores: Sequence[Sequence[str]], index: tuple[int, ...]) -> list[Array]:
@@ -185,16 +176,13 @@ def _at(blocks: Sequence[Array], cores: Sequence[Sequence[str]], index: tuple[in
     return found
 
 
-def _capture(arrays: Sequence[Array]) -> tuple[Capture, Grid, tuple[Array, Array]]:
+def _capture(arrays: Sequence[Array]) -> tuple[Capture, Grid, Array, Array]:
     """One capture from the inputs in the order of `_CAPTURE_CORES`; its grid; its axes t and s."""
     dh, dv, theta, cx, cy = (float(value) for value in arrays[5:10])
     lattice = Lattice(dh, dv, theta, cx, cy, ARRANGEMENTS[int(arrays[10])])
     axes = arrays[11:15]
-    return (
-        prepare(arrays[:5], axes, lattice, Distortion(arrays[15])),
-        grid_from(dh, dv, int(arrays[10])),
-        (axes[2], axes[3]),
-    )
+    capture = prepare(arrays[:5], axes, lattice, Distortion(arrays[15]))
+    return capture, grid_from(dh, dv, int(arrays[10])), axes[2], axes[3]
 
 
 def _check(lf: xr.Dataset, disp: xr.Dataset) -> None:

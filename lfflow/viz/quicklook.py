@@ -26,10 +26,10 @@ _EPI_ROW, _EPI_LINES = 12, 16
 _MAPS = ("disparity", "disparity_std")
 _DISPARITY = "disparity, lens pitches per view step", cv2.COLORMAP_TURBO
 _ERROR = "standard deviation of the disparity", cv2.COLORMAP_MAGMA
-_BESIDE = 3
-"""A side view is made of the views from it to the centre, in the rows up to so many above and below."""
 _ANY_SURFACE = Rule(radius=1.3, tolerance=1e3, lift=0.6, stiffness=0.5, likeness=0.5)
 """Samples of all surfaces: a picture focused on a plane, what lies off it blurred."""
+_OFF_FOCUS = 0.3
+"""Disparity off the plane at which a place is blurred by more than the distance of two lens rows."""
 
 
 def draw_quicklook(
@@ -108,8 +108,23 @@ def _pictures(lightfield: xr.Dataset, disparity: xr.Dataset, threads: int) -> di
     for label, d in (("focused near", near), ("focused far", far)):
         wanted[f"{label} (disparity {d:+.2f})"] = _plane(disparity, d), 0, _ANY_SURFACE
     found = each(lambda picture: _view(lightfield, *picture), wanted.values(), threads)
+    for place, d in ((3, near), (4, far)):
+        found[place] = _even_blur(found[place], central(disparity, "disparity") - d)
     shown = develop(xr.concat(found, "picture"), lightfield)
     return dict(zip(wanted, shown.transpose("picture", "t", "s", "channel").values, strict=True))
+
+
+def _even_blur(picture: xr.DataArray, off: FloatImage) -> xr.DataArray:
+    """Picture without the comb that blurred edges wear, for each row has its red and blue from every other view row.
+
+    `off` is how far the scene's disparity is from that in focus; what is in focus stays as it is.
+    """
+    known = np.isfinite(picture.values)
+    values = np.where(known, picture.values, 0)
+    near = np.maximum(cv2.GaussianBlur(known.astype(np.float32), (3, 7), 0.6, sigmaY=1.2), 1e-6)
+    even = cv2.GaussianBlur(values, (3, 7), 0.6, sigmaY=1.2) / near
+    share = np.clip(np.abs(np.nan_to_num(off)) / _OFF_FOCUS, 0, 1)[..., None]
+    return picture.copy(data=np.where(known, values + share * (even - values), np.nan).astype(np.float32))
 
 
 def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
@@ -120,9 +135,6 @@ def _plane(disparity: xr.Dataset, d: float) -> xr.Dataset:
 
 
 def _view(lightfield: xr.Dataset, disparity: xr.Dataset, u: int, rule: Rule | None = None) -> xr.DataArray:
-    if u:
-        inwards = {"v": slice(-_BESIDE, _BESIDE), "u": slice(min(u, 0), max(u, 0))}
-        lightfield, disparity = lightfield.sel(inwards), disparity.sel(inwards)
     views = reconstruct_views(lightfield, disparity, views={"v": [0], "u": [u]}, rule=rule)
     return views["rgb"].isel(v=0, u=0, drop=True).reset_coords(drop=True)
 

@@ -62,6 +62,16 @@ def test_the_distance_in_focus_is_fitted_to_known_points_and_said_so(count: int)
     assert found["depth"].attrs["focus_distance"] == "fitted to known depths"
 
 
+def test_the_lens_data_may_come_from_the_light_field() -> None:
+    whole = capture(np.array([0.2, 0.5]), focus=0.8)
+    two = xr.concat([whole, whole], "capture").assign_coords(capture=["a", "b"], focal_length=("capture", [F, 2 * F]))
+    bare = two.drop_vars(["focal_length", "pixel_pitch", "lens_pitch", "mla_offset_z"])
+    backwards = two.coords.to_dataset().isel(capture=[1, 0])
+    found = depth(bare, focus_distance=0.8, camera=backwards)
+    np.testing.assert_allclose(found["depth"], depth(two, focus_distance=0.8)["depth"])
+    assert not np.allclose(found["depth"][0], found["depth"][1])
+
+
 def test_points_beyond_infinity_have_no_depth() -> None:
     ds = capture(np.array([0.5, 1.0]), focus=0.8)
     ds["disparity"] = ds["disparity"] - 10

@@ -27,6 +27,19 @@ def test_a_plane_comes_back_in_every_colour(d: float, least: float) -> None:
     assert VIEWS.issues(views) == []
 
 
+def test_rows_that_see_no_red_take_it_from_beside_and_say_so() -> None:
+    lf, disp, truth = make_field([(1.4, -99.0)], noise=0.01)
+    disp["disparity_std"][:] = 0.1
+    some = {"v": [-2, 0, 2], "u": [-2, 0, 2]}
+    views = reconstruct_views(lf, disp, views=some)
+    inside = {"t": slice(9, -9), "s": slice(9, -9), "v": 1, "u": 1}
+    error = (views["rgb"] - truth["rgb"].sel(some)).isel(inside)
+    assert float(abs(error).max()) < 0.06
+    filled = views["filled"].isel(inside)
+    assert 0.2 < float(((filled & 5) > 0).mean()) < 0.9
+    assert not (filled & 8).any()
+
+
 def test_both_sides_of_an_occlusion_edge_come_back() -> None:
     lf, disp, truth = make_field([(-0.2, -99.0), (0.4, 20.3)])
     views = reconstruct_views(lf, disp, views={"v": [0], "u": [-2, 0]})

@@ -16,7 +16,7 @@ from lfflow.simulate.texture import flat_texture
 from lfflow.stages.demultiplex import demultiplex
 from lfflow.viz.canvas import Canvas, coloured, palette
 from lfflow.viz.display import to_square
-from lfflow.viz.quicklook import draw_quicklook, quicklook, telling_row
+from lfflow.viz.quicklook import _even_blur, draw_quicklook, quicklook, telling_row
 from lfflow.viz.report import ReportRow, report_page
 
 LATTICE = Lattice(10.0086, 10.0103, 0.00143, 3.3, 4.7)
@@ -116,3 +116,13 @@ def test_the_page_is_whole_and_safe(tmp_path: Path) -> None:
     assert "<td><b></td>" not in page
     assert '<a href="quicklook/IMG_1.png"><img alt="IMG_1" src="data:image/jpeg;base64,' in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_blurred_edges_wear_no_comb_and_what_is_in_focus_stays() -> None:
+    rows = np.where(np.arange(24) % 2, 0.2, 0.6).astype(np.float32)
+    picture = xr.DataArray(np.broadcast_to(rows[:, None, None], (24, 20, 3)), dims=("t", "s", "channel"))
+    off = np.where(np.arange(20) < 10, 0.0, 1.0) * np.ones((24, 1), np.float32)
+    even = _even_blur(picture, off).values
+    np.testing.assert_array_equal(even[:, :10], picture.values[:, :10])
+    assert even[4:-4, 10:].std() < 0.1 * picture.values.std()
+    assert even[4:-4, 10:].mean() == pytest.approx(0.4, abs=0.01)

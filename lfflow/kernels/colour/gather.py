@@ -24,16 +24,16 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 
 _F = np.float32
-_MOMENTS = 13
-_BLOCK = 256
+_MOMENTS = 15
+_BLOCK = 1024
 _DARK = _F(0.02)
 """Colours below this radiance share the detail of the others as if they had it."""
 
 _FAR = _F(0.5)
 """Disparity above which the rounding of the lens centres decides which lens's sample is the nearest."""
 
-_STARVED = _F(0.2)
-"""Weight of red or blue below which the second nearest row of every view is looked at too."""
+_FREE = _F(0.4)
+"""Share of the samples that must be left after the three numbers of a plane, to tell how they scatter."""
 
 _VECTOR: dict[str, Any] = {
     "nogil": True,
@@ -91,6 +91,24 @@ class Targets(NamedTuple):
     doubt: Array
 
 
+class Gathered(NamedTuple):
+    """Colours at the targets and how well they are known, all float32.
+
+    Parameters
+    ----------
+    planes
+        (N, colour, 3): value, ∂/∂X, ∂/∂Y. The value is NaN where no sample of the colour agrees.
+    weight
+        (N, colour): sum of the samples' weights.
+    variance
+        (N, colour): of the value, as its samples scatter about their plane; NaN where they are too few to tell.
+    """
+
+    planes: Array
+    weight: Array
+    variance: Array
+
+
 class Rule(NamedTuple):
     """How samples are weighed.
 
@@ -115,8 +133,8 @@ class Rule(NamedTuple):
     radius: float = 0.9
     detail: float = 0.5
     tolerance: float = 0.06
-    strictness: float = 40.0
-    lift: float = 1.25
+    strictness: float = 10.0
+    lift: float = 1.4
     stiffness: float = 0.02
     likeness: float = 0.05
 
@@ -141,25 +159,24 @@ def _locate(targets: Any, first: int, count: int, q: Array, samples: Any, place:
 
 
 @numba.njit(**_VECTOR)
-def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array, row_beside: bool) -> None:
-    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known.
-
-    Or, `row_beside`, the nearest in the row on the other side of the target: in an F01's rows all have one colour.
-    """
+def _relocate(targets: Any, first: int, count: int, samples: Any, place: Array, at: Array, rounding: Array) -> None:
+    """Lens of the same view whose sample comes nearest, now that the rounding of the lenses about it is known."""
     rows, columns = np.int32(samples.colour.shape[1]), np.int32(samples.colour.shape[2])
-    residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
     pitch, half, odd = samples.geometry[0], samples.geometry[1], np.int32(samples.geometry[2])
     x, y, d = targets.x, targets.y, targets.disparity
     to_x, to_y, a, b = place[0], place[1], place[2], place[3]
+    residual_u, residual_v = samples.residual[0].ravel(), samples.residual[1].ravel()
+    for j in range(count):
+        k = np.uint32(max(at[j], 0))
+        rounding[0, j], rounding[1, j] = residual_u[k], residual_v[k]
     per_row = _F(1) / pitch
     for j in range(count):
         n = first + j
-        k = np.uint32(max(at[j], 0))
-        down = (y[n] - d[n] * (b[j] + residual_v[k])) * per_row
+        known = _F(1) if abs(d[n]) > _FAR else _F(0)
+        down = (y[n] - d[n] * (b[j] + known * rounding[1, j])) * per_row
         row = np.int32(np.floor(down + _F(0.5)))
-        row += (np.int32(1) if down > row else np.int32(-1)) if row_beside else np.int32(0)
         shift = half * _F((row + odd) & np.int32(1))
-        column = np.int32(np.floor(x[n] - d[n] * (a[j] + residual_u[k]) - shift + _F(0.5)))
+        column = np.int32(np.floor(x[n] - d[n] * (a[j] + known * rounding[0, j]) - shift + _F(0.5)))
         to_x[j], to_y[j] = _F(column) + shift - x[n], _F(row) * pitch - y[n]
         inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
         at[j] = row * columns + column if inside else np.int32(-1)
@@ -215,10 +232,10 @@ def _weigh(targets: Any, first: int, count: int, place: Array, found: Array, rul
 
 @numba.njit(**_VECTOR)
 def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array, count: int) -> None:
-    """Add the samples of one colour to its moments (13, block)."""
+    """Add the samples of one colour to its moments (15, block)."""
     m0, m1, m2, m3, m4, m5 = moments[0], moments[1], moments[2], moments[3], moments[4], moments[5]
     m6, m7, m8, m9, m10, m11 = moments[6], moments[7], moments[8], moments[9], moments[10], moments[11]
-    m12 = moments[12]
+    m12, m13, m14 = moments[12], moments[13], moments[14]
     dx, dy, value, wide, close = place[0], place[1], found[0], found[1], found[2]
     for j in range(count):
         w = wide[j] if colours[j] == colour else _F(0)
@@ -232,6 +249,8 @@ def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array
         m6[j] += w * value[j]
         m7[j] += wx * value[j]
         m8[j] += wy * value[j]
+        m13[j] += w * w
+        m14[j] += w * value[j] * value[j]
     for j in range(count):
         w = close[j] if colours[j] == colour else _F(0)
         m9[j] += w
@@ -241,8 +260,8 @@ def _add(moments: Array, colour: int, colours: Array, place: Array, found: Array
 
 
 @numba.njit(**_VECTOR)
-def _fit(m: Array, count: int, ridge: float, guide: Array, planes: Array) -> None:
-    """Planes (block, 3): value and slopes at the origin from moments (13, block).
+def _fit(m: Array, count: int, ridge: float, guide: Array, planes: Array, variance: Array) -> None:
+    """Planes (block, 3): value and slopes at the origin from moments (15, block), and the variance of the value.
 
     `ridge` holds the slopes to those of the `guide` (block, 3), which is scaled to the colour's mean.
     """
@@ -253,15 +272,20 @@ def _fit(m: Array, count: int, ridge: float, guide: Array, planes: Array) -> Non
         ratio = mean / there if there > _DARK else _F(0)
         prior_x, prior_y = ratio * guide[j, 1], ratio * guide[j, 2]
         xx, xy, yy = m[3, j] * per - mx * mx, m[4, j] * per - mx * my, m[5, j] * per - my * my
-        px = m[7, j] * per - mx * mean - xx * prior_x - xy * prior_y
-        py = m[8, j] * per - my * mean - xy * prior_x - yy * prior_y
-        xx, yy = xx + ridge, yy + ridge
-        scale = _F(1) / (xx * yy - xy * xy)
-        slope_x, slope_y = prior_x + (px * yy - py * xy) * scale, prior_y + (py * xx - px * xy) * scale
+        cx, cy = m[7, j] * per - mx * mean, m[8, j] * per - my * mean
+        px, py = cx - xx * prior_x - xy * prior_y, cy - xy * prior_x - yy * prior_y
+        hard_x, hard_y = xx + ridge, yy + ridge
+        scale = _F(1) / (hard_x * hard_y - xy * xy)
+        slope_x, slope_y = prior_x + (px * hard_y - py * xy) * scale, prior_y + (py * hard_x - px * xy) * scale
+        scatter = m[14, j] * per - mean * mean - _F(2) * (slope_x * cx + slope_y * cy)
+        scatter += slope_x * slope_x * xx + _F(2) * slope_x * slope_y * xy + slope_y * slope_y * yy
+        share = m[13, j] * per * per
         known = m[0, j] > 0
         planes[j, 0] = mean - mx * slope_x - my * slope_y if known else np.nan
         planes[j, 1] = slope_x if known else _F(0)
         planes[j, 2] = slope_y if known else _F(0)
+        free = _F(1) - _F(3) * share
+        variance[j] = max(scatter, _F(0)) * share / free if free > _FREE else np.nan
 
 
 @numba.njit(**_VECTOR)
@@ -282,53 +306,44 @@ def _sharpen(moments: Array, count: int, lift: Any, planes: Array) -> None:
 
 
 @numba.njit(**_VECTOR)
-def _starved(moments: Array, count: int) -> bool:
-    """Whether red or blue is missing at more than one target of sixteen."""
-    poor = 0
-    for j in range(count):
-        poor += min(moments[0, 0, j], moments[2, 0, j]) < _STARVED
-    return bool(16 * poor > count)
-
-
-@numba.njit(**_VECTOR)
-def _gather(samples: Any, targets: Any, rule: Any, planes: Array) -> None:
+def _gather(samples: Any, targets: Any, rule: Any, planes: Array, weight: Array, variance: Array) -> None:
     moments = np.empty((3, _MOMENTS, _BLOCK), dtype=np.float32)
     place, found = np.empty((4, _BLOCK), dtype=np.float32), np.empty((3, _BLOCK), dtype=np.float32)
     at, colours = np.empty(_BLOCK, dtype=np.int32), np.empty(_BLOCK, dtype=np.uint8)
+    rounding = np.empty((2, _BLOCK), dtype=np.float32)
     level, ridge = _F(rule.stiffness * rule.radius**2), _F(rule.likeness * rule.radius**2)
     flat = np.zeros((_BLOCK, 3), dtype=np.float32)
     for first in range(0, targets.x.shape[0], _BLOCK):
         count = min(_BLOCK, targets.x.shape[0] - first)
         moments[:] = 0
         far = np.abs(targets.disparity[first : first + count]).max() > _FAR
-        for row_beside in (False, True):
-            if row_beside and not (far and _starved(moments, count)):
-                continue
-            for q in samples.used:
-                _locate(targets, first, count, samples.aperture[q], samples, place, at)
-                if far:
-                    _relocate(targets, first, count, samples, place, at, row_beside)
-                seen = _fetch(samples, q, at, count, place, found, colours)
-                if seen:
-                    _weigh(targets, first, count, place, found, rule)
-                for c in range(3):
-                    if seen >> c & 1:
-                        _add(moments[c], np.uint8(c), colours, place, found, count)
-        block = planes[first : first + count]
-        _fit(moments[1], count, level, flat, block[:, 1])
+        for q in samples.used:
+            _locate(targets, first, count, samples.aperture[q], samples, place, at)
+            if far:
+                _relocate(targets, first, count, samples, place, at, rounding)
+            seen = _fetch(samples, q, at, count, place, found, colours)
+            if seen:
+                _weigh(targets, first, count, place, found, rule)
+            for c in range(3):
+                if seen >> c & 1:
+                    _add(moments[c], np.uint8(c), colours, place, found, count)
+        block, scatter = planes[first : first + count], variance[first : first + count]
+        _fit(moments[1], count, level, flat, block[:, 1], scatter[:, 1])
         for c in (0, 2):
-            _fit(moments[c], count, ridge, block[:, 1], block[:, c])
+            _fit(moments[c], count, ridge, block[:, 1], block[:, c], scatter[:, c])
         _sharpen(moments, count, _F(rule.lift), block)
+        for c in range(3):
+            weight[first : first + count, c] = moments[c, 0, :count]
 
 
-def gather(samples: Samples, targets: Targets, rule: Rule) -> Array:
-    """Colours at the targets and their slopes, float32 (N, colour, 3): value, ∂/∂X, ∂/∂Y.
+def gather(samples: Samples, targets: Targets, rule: Rule) -> Gathered:
+    """Colours at the targets, and how well they are known.
 
-    The value is NaN where no sample of the colour agrees. What the sums are does not depend on how the targets are cut
-    into calls.
+    What the sums are does not depend on how the targets are cut into calls, but for rounding.
     """
-    planes = np.empty((targets.x.shape[0], 3, 3), dtype=np.float32)
-    known = np.isfinite(targets.disparity)
-    _gather(samples, targets._replace(disparity=np.where(known, targets.disparity, _F(0))), rule, planes)
-    planes[~known] = np.nan, 0, 0
-    return planes
+    known, count = np.isfinite(targets.disparity), targets.x.shape[0]
+    found = Gathered(np.empty((count, 3, 3), np.float32), *np.empty((2, count, 3), np.float32))
+    _gather(samples, targets._replace(disparity=np.where(known, targets.disparity, _F(0))), rule, *found)
+    found.planes[~known] = np.nan, 0, 0
+    found.weight[~known] = 0
+    return found

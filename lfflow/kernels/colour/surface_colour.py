@@ -9,25 +9,24 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numba
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 
-STEP = 0.6
+STEP = 0.5
 """Distance of two points of the grid, lens pitches."""
 
 _F = np.float32
 _LEAST = _F(0.5)
 """Share of the four neighbours that must lie on the same surface."""
-_REACH = _F(0.6)
-"""Lens pitches at which a view's own sample says nothing about a place any more."""
 _DARK = _F(0.02)
-_KEEP = _F(16.0)
-"""Inverse of the product of doubt² and baseline² (in lens pitches) at which a view's own sample counts half."""
-_LITTLE = _F(0.03)
-"""Share of its own sample below which a view's place does without."""
+_AHEAD = round(0.5 / STEP)
+"""Steps to either side over which the picture's steepness is measured."""
+_QUIETEST = 1e-4
+"""Least variance / value of a sample: even without noise its place is not exact."""
 
 
 def surface_shape(width: float, height: float) -> tuple[int, int]:
@@ -39,6 +38,26 @@ def surface_places(shape: tuple[int, int]) -> tuple[Array, Array]:
     """X and Y of the grid, float32 of `shape`, lens pitches."""
     y, x = np.indices(shape, dtype=np.float32) * _F(STEP)
     return x, y
+
+
+def steepness(green: Array, variance: Array, noise: float) -> Array:
+    """Variance that a shift by one lens pitch makes of a colour, in units of that of one sample; on the grid.
+
+    Parameters
+    ----------
+    green, variance
+        float32 (rows, columns): a colour and the variance of its error.
+    noise
+        Variance / value of a sample.
+    """
+    value, ahead = np.nan_to_num(green), _AHEAD
+    edged = cv2.copyMakeBorder(value, ahead, ahead, ahead, ahead, cv2.BORDER_REPLICATE)
+    across = edged[ahead:-ahead, 2 * ahead :] - edged[ahead:-ahead, : -2 * ahead]
+    down = edged[2 * ahead :, ahead:-ahead] - edged[: -2 * ahead, ahead:-ahead]
+    moved = (across**2 + down**2 - 4 * np.nan_to_num(variance)) / np.float32(2 * ahead * STEP) ** 2
+    side = (4 * ahead + 1, 4 * ahead + 1)
+    level = np.maximum(cv2.blur(value, side), _DARK)
+    return np.asarray(np.maximum(cv2.blur(moved, side), 0) / (np.float32(max(noise, _QUIETEST)) * level))
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
@@ -67,54 +86,41 @@ def _blend(planes: Array, disparity: Array, gx: float, gy: float, d: float, tole
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 def read_surface(
-    planes: Array, disparity: Array, samples: Any, view: int, targets: Any, rule: Any, limit: float, rgb: Array
+    planes: Array,
+    disparity: Array,
+    steep: Array,
+    guessed: Array,
+    targets: Any,
+    tolerance: float,
+    limit: float,
+    rgb: Array,
+    bits: Array,
 ) -> None:
-    """Write the colours at `targets`, all of one view, into `rgb` (N, 3); NaN where the surface cannot tell them.
+    """Write the colours at `targets`, all of one view, into `rgb` (N, 3) and which were guessed into `bits` (N,).
 
-    The view's own sample is kept the more the less certain the surface is there: its ratio to the surface's colour at
-    the place where it was taken goes to all three colours.
+    Where the surface cannot tell the colours they are NaN.
 
     Parameters
     ----------
-    planes, disparity
-        float32 (rows, columns, colour, 3) and (rows, columns): value and slopes, and disparity, on the grid.
-    samples, targets, rule
-        `lfflow.kernels.colour.gather.Samples`, `Targets`, `Rule`.
-    view
-        Index of the targets' view among the samples, −1 for a viewpoint that has none.
+    planes, disparity, steep
+        float32 (rows, columns, colour, 3) and (rows, columns): value and slopes, disparity, `steepness`, on the grid.
+    guessed
+        uint8 (rows, columns): bits of the colours that no sample gave there.
+    targets
+        `lfflow.kernels.colour.gather.Targets`.
+    tolerance
+        Disparity difference at which the grid shows another surface.
     limit
-        Doubt × distance from the central view (lens pitches) above which nothing is read.
+        Largest variance of the error that the doubt makes there, in units of a sample's, with which it is read.
     """
-    rows, columns = samples.colour.shape[1], samples.colour.shape[2]
-    pitch, half, odd = samples.geometry[0], samples.geometry[1], int(samples.geometry[2])
-    per_step, tolerance = _F(1 / STEP), _F(rule.tolerance)
-    there = np.empty(3, dtype=np.float32)
+    per_step = _F(1 / STEP)
     for n in range(targets.x.shape[0]):
         x, y, u, v, d = targets.x[n], targets.y[n], targets.u[n], targets.v[n], targets.disparity[n]
-        sure = targets.doubt[n] ** 2 * (u * u + v * v) <= limit**2
-        if not (
-            sure and _blend(planes, disparity, (x + d * u) * per_step, (y + d * v) * per_step, d, tolerance, rgb[n])
-        ):
+        gx, gy = (x + d * u) * per_step, (y + d * v) * per_step
+        known = _blend(planes, disparity, gx, gy, d, _F(tolerance), rgb[n])
+        error = targets.doubt[n] ** 2 * (u * u + v * v)
+        row, column = int(gy + _F(0.5)), int(gx + _F(0.5))
+        if known and error * steep[row, column] <= limit:
+            bits[n] = guessed[row, column]
+        else:
             rgb[n] = np.nan
-            continue
-        row = int(np.floor(y / pitch + _F(0.5)))
-        shift = half * _F((row + odd) & 1)
-        column = int(np.floor(x - shift + _F(0.5)))
-        if view < 0 or row < 0 or row >= rows or column < 0 or column >= columns:
-            continue
-        colour = samples.colour[view, row, column]
-        to_x, to_y = _F(column) + shift - x, _F(row) * pitch - y
-        near = _F(1) - (to_x * to_x + to_y * to_y) / (_REACH * _REACH)
-        if colour > 2 or near <= 0:
-            continue
-        u, v = u + samples.residual[0, row, column], v + samples.residual[1, row, column]
-        keep = _KEEP * targets.doubt[n] ** 2 * (u * u + v * v) * samples.weight[view, row, column] * near
-        keep /= _F(1) + keep
-        gx, gy = (x + to_x + d * u) * per_step, (y + to_y + d * v) * per_step
-        if keep < _LITTLE or not _blend(planes, disparity, gx, gy, d, tolerance, there):
-            continue
-        ratio = max(samples.value[view, row, column], _F(0)) / max(there[colour], _DARK)
-        gain = _F(1) + (ratio - _F(1)) * keep
-        if not np.isnan(gain):
-            for k in range(3):
-                rgb[n, k] *= gain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -10,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.distortion import STRAIGHT, Distortion
-from lfflow.kernels.colour.gather import Rule, Samples, Targets, gather
+from lfflow.kernels.colour.gather import Gathered, Rule, Samples, Targets, gather
 from lfflow.kernels.colour.guided import fill_colours
-from lfflow.kernels.colour.surface_colour import read_surface, surface_places
+from lfflow.kernels.colour.shrinkage import sample_noise, steady_colours
+from lfflow.kernels.colour.surface_colour import STEP, read_surface, steepness, surface_places
 from lfflow.kernels.colour.warp import read_disparity
 from lfflow.kernels.sensor.demultiplex import residuals
 from lfflow.lattice import Lattice
@@ -20,17 +22,29 @@ from lfflow.lattice import Lattice
 Array = npt.NDArray[Any]
 
 _UNKNOWN_STD = np.float32(0.1)
+"""Deviation where none is known, and the largest: beyond it nothing in the picture tells one disparity from another."""
+_CAUTION = np.float32(2.0)
+"""Deviations by which a disparity is taken to be wrong."""
 _JUMP = np.float32(0.8)
 """Share of a jump of the disparity between neighbouring lenses that counts as doubt: they mix two surfaces."""
 _EDGE = np.float32(0.08)
 """Jump above which a lens is taken to see the edge of the nearer surface beside it."""
 _FRONT = np.float32(0.75)
 """Share of that surface's disparity along which such a lens's light is followed."""
-_DIM = 0.4
+_DIM = 0.5
 """Views with less than this share of the brightest view's weight give little but noise and are left out."""
-_UNSURE = 0.6
-"""Lens pitches by which a place of the central view may be wrong in another view before that gathers for itself."""
-_NEAR = 13
+_UNSURE = 8.0
+"""Variance, in units of a sample's, of what a doubtful disparity makes of the centre's colours in another view, above
+which that gathers for itself."""
+_WEAK = np.float32(0.06)
+"""Share of all weight below which a colour is taken from the places around: near disparity 3/2 whole rows of an F01 see
+no red, or no blue."""
+_LEAST = np.float32(0.02)
+"""Weight that no colour is known with."""
+_DARK = np.float32(0.02)
+_READ_WEIGHT = 20.0
+"""Number of samples that a colour read on the centre's surfaces is taken to rest on."""
+_NEAR = 29
 """Where a view gathers for itself, it looks at so many views around it, for there the disparity is in doubt."""
 
 
@@ -55,10 +69,12 @@ class Capture(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """Planes (rows, columns, colour, 3) of the colours seen from the centre and their disparity (rows, columns)."""
+    """Planes (rows, columns, colour, 3) of the colours seen from the centre; disparity, `steepness`, guesses."""
 
     planes: Array
     disparity: Array
+    steep: Array
+    guessed: Array
 
 
 def prepare(
@@ -97,7 +113,8 @@ def front_and_doubt(disparity: Array, std: Array, geometry: Array) -> tuple[Arra
     filled = np.where(known, disparity, np.float32(-9e9))
     high, low = cv2.dilate(filled, square), cv2.erode(np.where(known, disparity, np.float32(9e9)), square)
     jump = np.where(high >= low, high - low, 0)
-    doubt = np.hypot(np.where(np.isfinite(std), std, _UNKNOWN_STD), _JUMP * jump).astype(np.float32)
+    error = _CAUTION * np.minimum(np.where(np.isfinite(std), std, _UNKNOWN_STD), _UNKNOWN_STD)
+    doubt = np.hypot(error, _JUMP * jump).astype(np.float32)
     above = _highest_beside(filled, geometry) - disparity
     return np.where(known & (above > _EDGE), disparity + _FRONT * above, disparity), doubt
 
@@ -117,10 +134,35 @@ def surface_of(capture: Capture, shape: tuple[int, int], rule: Rule) -> Surface:
     """Colours seen from the central view, on the grid of `shape` (`lfflow.kernels.colour.surface_colour`)."""
     x, y = surface_places(shape)
     targets, _ = _targets(capture, x, y, 0.0, 0.0, on_lenses=False)
-    planes = np.full((x.size, 3, 3), np.nan, dtype=np.float32)
     known = np.flatnonzero(np.isfinite(targets.disparity))
-    planes[known] = gather(capture.samples, Targets(*(field[known] for field in targets)), rule)
-    return Surface(planes.reshape(*shape, 3, 3), targets.disparity.reshape(shape))
+    found = _whole(gather(capture.samples, Targets(*(field[known] for field in targets)), rule), known, shape)
+    planes, disparity = found.planes, targets.disparity.reshape(shape)
+    noise = sample_noise(planes[..., 0], found.weight, found.variance)
+    colours = known_well(found)
+    unknown = np.isnan(colours)
+    colours, guessed = fill_colours(colours, x, y, disparity, rule.tolerance)
+    planes[..., 0] = steady_colours(colours, found.weight, noise, (STEP, STEP))
+    like = planes[..., 1:2, 1:] * (planes[..., :1] / np.maximum(planes[..., 1:2, :1], _DARK))
+    planes[..., 1:] = np.where(unknown[..., None], like, planes[..., 1:])
+    steep = steepness(planes[:, :, 1, 0], found.variance[..., 1], noise)
+    return Surface(planes, disparity, steep, guessed)
+
+
+def known_well(found: Gathered) -> Array:
+    """The colours (..., 3) that were gathered, NaN where they rest on next to nothing."""
+    least = np.maximum(_WEAK * found.weight.sum(axis=-1, keepdims=True), _LEAST)
+    weak = found.weight < least
+    return np.where(weak, np.float32(np.nan), found.planes[..., 0])
+
+
+def _whole(found: Gathered, known: Array, shape: tuple[int, ...]) -> Gathered:
+    """What was gathered at the `known` places of a picture, as pictures; the rest is NaN, with no weight."""
+    out = []
+    for field, rest in zip(found, (np.nan, 0, np.nan), strict=True):
+        whole = np.full((math.prod(shape), *field.shape[1:]), rest, dtype=np.float32)
+        whole[known] = field
+        out.append(whole.reshape(*shape, *field.shape[1:]))
+    return Gathered(*out)
 
 
 def one_view(
@@ -143,16 +185,28 @@ def one_view(
     samples = capture.samples
     own = np.flatnonzero((samples.aperture == (u, v)).all(axis=1))
     used = np.union1d(samples.used, own)
-    rgb = np.full((x.size, 3), np.nan, dtype=np.float32)
+    rgb, guessed = np.full((x.size, 3), np.nan, dtype=np.float32), np.zeros(x.size, dtype=np.uint8)
     if surface is not None:
-        read_surface(*surface, samples, int(own[0]) if own.size else -1, targets, rule, _UNSURE, rgb)
+        read_surface(*surface, targets, rule.tolerance, _UNSURE, rgb, guessed)
         from_view = np.hypot(samples.aperture[used, 0] - u, samples.aperture[used, 1] - v)
         used = np.sort(used[np.argsort(from_view, kind="stable")[:_NEAR]])
     samples = samples._replace(used=used)
     rest = np.flatnonzero(np.isnan(rgb[:, 0]) & np.isfinite(targets.disparity))
-    rgb[rest] = gather(samples, Targets(*(field[rest] for field in targets)), rule)[..., 0]
-    filled, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
-    return filled, bits, disparity, targets.doubt.reshape(x.shape)
+    found = gather(samples, Targets(*(field[rest] for field in targets)), rule)
+    noise = sample_noise(found.planes[..., 0], found.weight, found.variance)
+    weight = np.full((x.size, 3), _READ_WEIGHT, dtype=np.float32)
+    rgb[rest] = known_well(found)
+    weight[rest] = found.weight
+    anew = np.zeros(x.size, dtype=bool)
+    anew[rest] = True
+    rgb, bits = fill_colours(rgb.reshape(*x.shape, 3), x, y, disparity, rule.tolerance)
+    rgb = steady_colours(rgb, weight.reshape(rgb.shape), noise, _pitch(x, y), anew.reshape(x.shape))
+    return rgb, bits | guessed.reshape(x.shape), disparity, targets.doubt.reshape(x.shape)
+
+
+def _pitch(x: Array, y: Array) -> tuple[float, float]:
+    """Distance of two rows and of two columns."""
+    return float(y[1, 0] - y[0, 0]) if len(y) > 1 else 1.0, float(x[0, 1] - x[0, 0]) if x.shape[1] > 1 else 1.0
 
 
 def _targets(capture: Capture, x: Array, y: Array, v: float, u: float, *, on_lenses: bool) -> tuple[Targets, Array]:

@@ -9,6 +9,7 @@ it, and only the arc that it leaves free tells where the lens is.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 import numba
@@ -17,9 +18,11 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from lfflow.kernels.lattice.lens_light import Cell, Flags, FloatArray, FloatImage, in_cell
+from lfflow.kernels.lattice.lens_light import Cell, Flags, FloatArray, FloatImage, border
 from lfflow.kernels.lattice.radial import FINE, Radial
 
+ROUNDS = 8
+"""Steps, at most, to the difference of two discs' radii."""
 ZONES = 5
 """Zones along each side of the sensor."""
 CELLS = 12
@@ -28,21 +31,22 @@ KNOT = 0.4
 """Distance of the knots of a profile in widths (standard deviations) of its edge."""
 NARROWEST = 0.15
 """Knots are at least so many pixels apart: a pixel's own area blurs every edge."""
-RINGS = 40
-"""Rings per lens pitch within which the misfit of the edges' shape is averaged."""
-SIGNIFICANT = 6.0
-"""The subimages must be so many standard deviations narrower towards the corners before a second disc is looked for"""
-RESOLVED = 0.7
-"""and it must move by so many widths (standard deviations) of the edge from the middle of the sensor to its border:
-below, either disc may be the aperture;"""
+COMMON = 0.25
+"""Share of the edges' blur that both have in common, before it is measured."""
+OVERLAPPING = 0.9
+"""Where the second disc moves by less than so many widths of the edge, no pixel sees one of the edges alone,"""
+CLOSE = 0.4
+"""and by less than so many, the edges' shape has the same effect as the common share of their blur."""
+SIGNIFICANT = 4.0
+"""The subimages must be so many standard deviations narrower towards the corners before a second disc is looked for,"""
+SUSPECT = 2.0
+"""and so many before the lattice is said to be less certain for one that may be there."""
+SOFTEST = 0.4
+"""A second disc whose edge is wider than so many of its radii is a gradient, which every lens may have."""
 FADED = 0.5
 """Subimages whose light seems to fall to less towards their edge are not one disc: a second one smears them."""
 LARGEST_START = 0.25
 """Largest motion of the second disc to start from, lens pitches from the middle of the sensor to its border."""
-SUSPECT = 2.0
-"""so many before the lattice is said to be less certain for one that may be there."""
-TWIN = 3.0
-"""The discs in exchanged roles explain the picture about as well: up to so many times the sum of squares."""
 SHARP = 0.25
 """An edge that is wider (standard deviation) than so many radii of the aperture is not told from a gradient."""
 
@@ -55,8 +59,8 @@ class Zones:
     ----------
     dx, dy, value, weight
         Mean offset from the lens centre (px), mean value, number of pixels: shape (n,).
-    zone
-        Zone of each bin, (n,).
+    zone, bin
+        Zone of each bin, and which of those of its subimage it is, (n,).
     centres
         Mean lens centre of each zone, (zones, 2).
     """
@@ -66,6 +70,7 @@ class Zones:
     value: FloatArray
     weight: FloatArray
     zone: npt.NDArray[np.int64]
+    bin: npt.NDArray[np.int64]
     centres: FloatArray
 
 
@@ -77,6 +82,9 @@ class Aperture:
     ----------
     f
         Mean subimage by the distance from the lens centre.
+    g
+        What square pixels add to f by the distance from the lens centre, times cos 4φ of the direction φ; None with a
+        second disc.
     h
         Light that the second disc lets through by the distance from its centre; None without one.
     matrix, origin, middle
@@ -86,26 +94,85 @@ class Aperture:
     hidden
         By how much the subimages' centres may be off at the end of the longer half axis of the sensor if a second disc
         as large as the first is there, pixels; 0 where nothing speaks for one.
+    width
+        Of the wider edge (standard deviation), pixels, as first seen.
+    apart
+        Motion of the second disc from the middle of the sensor to its border in widths of the edge, as first seen.
     droop
         f without its edge is 1 + droop·r², r in pixels.
     common
         Share of the edges' blur that both have in common (`lfflow.kernels.lattice.lens_light`).
+    fold
+        Share of the light that a pixel on the border of two lenses has from the next one: 1 for one that gathers light
+        on all its area, 0 for one that does so at its middle.
     """
 
     f: Radial
+    g: Radial | None
     h: Radial | None
     matrix: FloatArray
     origin: FloatArray
     middle: FloatArray
     sharp: bool
     hidden: float
+    width: float
+    apart: float = 0.0
     droop: float = 0.0
-    common: float = 0.5
+    common: float = COMMON
+    fold: float = 0.0
+
+    @property
+    def overlapping(self) -> bool:
+        """Whether no pixel sees one disc's edge alone."""
+        return self.apart < OVERLAPPING
+
+    @property
+    def motion(self) -> float:
+        """By how much the second disc moves from the middle of the sensor to its border, pixels."""
+        return math.sqrt(0.5) * float(np.linalg.norm(self.matrix)) * float(self.middle.max())
+
+    def alike(self, h: Radial) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """By how much a second disc is larger than the first if their edges are alike, pixels, and how unlike they are.
+
+        Returns
+        -------
+        larger, unlike, slopes, moved
+            At radii a knot apart, `unlike` (n,) is by how much h lets more light through than f, without its droop and
+            moved outwards by `larger`; `slopes` (n, p) are its derivatives by the coefficients of f, then of h, and
+            `moved` (n,) that by `larger`.
+        """
+        larger = max(_middle(h.table()) - _middle(self.f.table()), h.first + 8 * h.step - self.f.reach)
+        for _ in range(ROUNDS):
+            radius = np.arange(h.first, min(h.reach, self.f.reach + larger - 3 * self.f.step), h.step)
+            weights, fixed = h.basis(radius)
+            place = np.abs(radius - larger)
+            onto = self.f.basis(place)[0] / (1 + self.droop * place**2)[:, None]
+            value = onto @ self.f.coefficients
+            unlike, moved = weights @ h.coefficients + fixed - value, np.gradient(value, radius)
+            change = -float(moved @ unlike) / max(float(moved @ moved), 1e-12)
+            larger = max(larger + change, h.first + 8 * h.step - self.f.reach)
+            if abs(change) < 1e-5:
+                break
+        return larger, unlike, np.concatenate([-onto, weights], axis=1), moved
 
     @property
     def order(self) -> float:
-        """By how much the second disc is larger than the first, pixels, by the middles of their edges."""
-        return 0.0 if self.h is None else _middle(self.h.table()) - _middle(self.f.table())
+        """By how much the second disc is larger than the first, pixels."""
+        return 0.0 if self.h is None else self.alike(self.h)[0]
+
+    def exchanged(self) -> Aperture:
+        """The same light with the discs in exchanged roles: its lattice is that of the second disc's centres."""
+        if self.h is None:
+            return self
+        first, second = self.f.table()[:, 0], self.h.table()[:, 0]
+        place = np.arange(max(len(first), len(second))) / FINE
+        first, second = (np.interp(place, place[: len(one)], one) for one in (first, second))
+        whole = 1 + self.droop * place**2
+        shift, step = self.order, min(self.f.step, self.h.step)
+        f = Radial.like(lambda r: np.interp(r, place, second * whole), 0, self.f.reach, step)
+        low, high = max(self.h.first - shift, step), self.h.reach - shift
+        h = Radial.like(lambda r: np.interp(r, place, first / whole), low, high, step)
+        return replace(self, f=f, h=h, matrix=-self.matrix, origin=-self.origin)
 
     def offsets(self, centres: FloatArray) -> FloatArray:
         """Centre of the second disc relative to each lens, (n, 2)."""
@@ -141,7 +208,7 @@ def _accumulate(
         for j in range(max(int(y - reach) + 1, 0), min(int(y + reach) + 1, image.shape[0])):
             for i in range(max(int(x - reach) + 1, 0), min(int(x + reach) + 1, image.shape[1])):
                 dx, dy = i - x, j - y
-                if not in_cell(dx, dy, cell) or flags[j, i] != 0:
+                if border(dx, dy, cell)[0] < 0.0 or flags[j, i] != 0:
                     continue
                 row, column = int(np.rint(dy / step)) + half, int(np.rint(dx / step)) + half
                 if 0 <= row < total.shape[1] and 0 <= column < total.shape[1]:
@@ -176,7 +243,9 @@ def zone_means(image: FloatImage, flags: Flags, centres: FloatArray, cell: Cell,
     weight, dx, dy, value = total[zone, j, i].T
     number = np.maximum(np.bincount(index, minlength=zones * zones), 1)
     means = [np.bincount(index, centres[:, axis], zones * zones) / number for axis in (0, 1)]
-    return Zones(dx / weight, dy / weight, value / weight, weight, zone, np.stack(means, axis=1))
+    return Zones(
+        dx / weight, dy / weight, value / weight, weight, zone, j * (2 * half + 1) + i, np.stack(means, axis=1)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +256,7 @@ class _Problem:
     value: FloatArray
     root: FloatArray
     zone: npt.NDArray[np.int64]
+    bin: npt.NDArray[np.int64]
     field: FloatArray
     motion: FloatArray
     parts: list[slice]
@@ -196,7 +266,7 @@ class _Problem:
         """Light of each bin, and its derivatives, shape (n, parameters).
 
         The parameters are radius, width and droop of the aperture and five moves of the lattice; with a second disc
-        its scale, its origin (x, y) and its radius.
+        its scale, its origin (x, y), its radius and the width of its edge, without which it is the aperture's.
         """
         moves = self.motion[:, self.zone]
         dx, dy = (self.offset[axis] - moves[axis] @ p[3:8] for axis in (0, 1))
@@ -212,13 +282,18 @@ class _Problem:
             field = self.field[self.zone]
             ex, ey = dx - field[:, 0] * p[8] - p[9], dy - field[:, 1] * p[8] - p[10]
             far = np.hypot(ex, ey) + 1e-9
-            outer, steep = _edge(p[11] - far, p[1])
+            own = 12 if len(p) > 12 else 1
+            outer, steep = _edge(p[11] - far, p[own])
             rim = light * steep
             to_x, to_y = rim * ex / far, rim * ey / far
             columns = [column * outer for column in columns]
-            columns[1] -= rim * (p[11] - far) / p[1]
+            wider = -rim * (p[11] - far) / p[own]
             by_x, by_y, light = by_x * outer - to_x, by_y * outer - to_y, light * outer
             columns += [field[:, 0] * to_x + field[:, 1] * to_y, to_x, to_y, rim]
+            if own == 1:
+                columns[1] += wider
+            else:
+                columns.append(wider)
         moved = [-by_x * moves[0, :, q] - by_y * moves[1, :, q] for q in range(5)]
         return light, np.stack(columns[:3] + moved + columns[3:], axis=1)
 
@@ -230,22 +305,16 @@ class _Problem:
         """Its derivatives, as far as they cannot be made up for by the brightness."""
         return self._fitted(p)[1]
 
-    def odd(self, p: FloatArray) -> float:
-        """Sum of squares that no function of the radius explains: what the edges' shape cannot be blamed for."""
-        left = self.residual(p)
-        ring = (np.hypot(*self.offset) * RINGS).astype(np.int64)
-        bottom = np.maximum(np.bincount(ring, self.root**2), 1e-12)
-        left = left - (np.bincount(ring, left * self.root) / bottom)[ring] * self.root
-        return float(left @ left)
-
     def narrowing(self, p: FloatArray) -> tuple[float, float]:
         """How much narrower the subimages are towards the corners than across, where field is 1, and its deviation.
 
         Two discs alike that part by ±d leave f·(1 + ½ d² ∂² log f), the derivative along d: to first order they look
         like one disc in their middle, to second order they are narrower along d. This is d², in lens pitches squared;
-        its deviation is that of the zones.
+        its deviation is that of the zones. What all zones have in common is their bins' and their lenses' shape.
         """
         left, radius = self.residual(p), np.hypot(*self.offset)
+        shared = np.bincount(self.bin, left * self.root) / np.maximum(np.bincount(self.bin, self.root**2), 1e-12)
+        left = left - shared[self.bin] * self.root
         inside, steep = _edge(p[0] - radius, p[1])
         bend = -steep * ((p[0] - radius) / p[1] ** 2 + steep / np.maximum(inside, 1e-3))
         field = self.field[self.zone]
@@ -289,8 +358,8 @@ def _edge(inside: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
 def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray) -> list[tuple[Aperture, FloatArray]]:
     """Aperture of a picture, and how the five lattice parameters must change.
 
-    The last has one disc. Before it come those with two, if there is a second one: both where either disc may be the
-    aperture, for `Aperture.order` tells once their profiles are measured.
+    The last has one disc. Before it comes that with two, if there is a second one: which of them is the aperture
+    `Aperture.order` tells once their profiles are measured.
 
     Parameters
     ----------
@@ -312,6 +381,7 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
         zones.value / peak * root,
         root,
         zones.zone,
+        zones.bin,
         field,
         motion / scale / pitch,
         [slice(a, b) for a, b in itertools.pairwise(np.searchsorted(zones.zone, np.arange(len(zones.centres) + 1)))],
@@ -327,27 +397,37 @@ def two_discs(zones: Zones, motion: FloatArray, pitch: float, middle: FloatArray
         smeared = bool(1 + single[2] * single[0] ** 2 < FADED)
         if smeared:
             narrower = max(narrower, LARGEST_START**2)
-        if narrower > max(SIGNIFICANT * deviation, (0.5 * RESOLVED * single[1]) ** 2):
-            first = np.array([0.46, 0.06, -0.2, *np.zeros(5)]) if smeared else single
-            sides = [
-                _solve(problem, np.concatenate([first, [side, 0, 0, first[0] * 1.1]])) for side in _starts(narrower)
-            ]
-            clipping = [p for p in sorted(sides, key=problem.odd) if _clips(p)]
-            found = [p for p in clipping if problem.odd(p) < TWIN * problem.odd(clipping[0])] + found
+        if narrower > SIGNIFICANT * deviation:
+            first = np.array([0.46, 0.06, -0.2, *np.zeros(5)]) if smeared else _halved(single)
+            apart = min(2 * math.sqrt(narrower), LARGEST_START)  # each moves by half against their middle
+            for side in (-apart, apart):
+                double = _solve(problem, np.concatenate([first, [side, 0, 0, first[0]]]))
+                if _clips(double) and _apart(double) >= OVERLAPPING:
+                    double = _solve(problem, np.append(double, double[1]))
+                if _clips(double):
+                    found.insert(0, double)
+                    break
         if narrower > SUSPECT * deviation:
             hidden = pitch * float(np.sqrt(narrower + deviation))
     return [(_aperture(p, pitch, middle, sharp=sharp, hidden=hidden), np.asarray(p[3:8] / scale)) for p in found]
 
 
-def _starts(narrower: float) -> tuple[float, float]:
-    """Motions of the second disc to start from: of two discs alike, each moves by √`narrower` against their middle."""
-    motion = min(max(2 * np.sqrt(narrower), 0.01), LARGEST_START)
-    return -motion, motion
+def _apart(p: FloatArray) -> float:
+    """Motion of the second disc in widths of the edge."""
+    return float(abs(p[8] / p[1]))
+
+
+def _halved(single: FloatArray) -> FloatArray:
+    """One of two like discs whose product looks like a single one: larger and softer."""
+    radius, width = single[:2]
+    return np.concatenate([[radius + 0.67 * width, 1.23 * width], single[2:]])
 
 
 def _clips(p: FloatArray) -> bool:
-    """Whether what was found is a second disc: about as large as the aperture."""
-    return bool(0.85 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0] + 0.5 * abs(p[1]) / p[0])
+    """Whether what was found is a second disc: about as large as the aperture, and with an edge."""
+    if len(p) > 12 and abs(p[12]) > SOFTEST * p[11]:
+        return False
+    return bool(0.8 < p[11] / p[0] < 1 + 1.5 * abs(p[8]) / p[0] + 0.5 * abs(p[1]) / p[0])
 
 
 def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
@@ -356,10 +436,17 @@ def _solve(problem: _Problem, start: FloatArray) -> FloatArray:
 
 
 def _aperture(p: FloatArray, pitch: float, middle: FloatArray, *, sharp: bool, hidden: float) -> Aperture:
-    knot, droop = max(KNOT * abs(p[1]) * pitch, NARROWEST), float(p[2]) / pitch**2
+    width, droop = max(abs(float(w)) for w in (p[1], *p[12:])) * pitch, float(p[2]) / pitch**2
+    knot = max(KNOT * abs(p[1]) * pitch, NARROWEST)
     f = Radial.like(lambda r: (1 + p[2] * (r / pitch) ** 2) * ndtr((p[0] - r / pitch) / p[1]), 0, 0.585 * pitch, knot)
     if len(p) == 8:
-        return Aperture(f, None, np.zeros((2, 2)), np.zeros(2), middle, sharp, hidden, droop)
-    low, high = ((p[11] + side * abs(p[1])) * pitch for side in (-4, 4))
-    h = Radial.like(lambda r: ndtr((p[11] - r / pitch) / p[1]), low, high, knot)
-    return Aperture(f, h, np.eye(2) * p[8] * pitch / middle.max(), p[9:11] * pitch, middle, sharp, hidden, droop)
+        low = max((p[0] - 4 * abs(p[1])) * pitch, 5 * knot)
+        g = Radial(
+            np.zeros(max(int(np.ceil((0.585 * pitch - low) / (2 * knot))) + 2, 4)), low, 2 * knot, 0.585 * pitch, 0.0
+        )
+        return Aperture(f, g, None, np.zeros((2, 2)), np.zeros(2), middle, sharp, hidden, width, droop=droop)
+    own = p[12] if len(p) > 12 else p[1]
+    low, high = (max((p[11] + side * abs(own)) * pitch, knot) for side in (-4, 4))
+    h = Radial.like(lambda r: ndtr((p[11] - r / pitch) / own), low, high, max(KNOT * abs(own) * pitch, NARROWEST))
+    matrix, origin = np.eye(2) * p[8] * pitch / middle.max(), p[9:11] * pitch
+    return Aperture(f, None, h, matrix, origin, middle, sharp, hidden, width, _apart(p), droop)

@@ -11,6 +11,8 @@ from lfflow.lattice import Lattice
 
 WIDTH = 0.25
 """σ of the Gaussian mask in lens pitches (2.5 px on a pitch of 10 px)."""
+EVEN = (0.7548776662466927, 0.5698402909980532)
+"""Steps of the additive sequence of lowest discrepancy in two dimensions."""
 
 Centres = npt.NDArray[np.float64]
 
@@ -35,13 +37,22 @@ def flatten_scene(image: npt.NDArray[np.float32], pitch: float) -> npt.NDArray[n
     return flat
 
 
-def lens_centres(lattice: Lattice, height: int, width: int, margin: float) -> Centres:
-    """Predicted centres (n, 2) as (x, y) of all lenses that lie `margin` px or more inside the sensor."""
+def lens_centres(lattice: Lattice, height: int, width: int, margin: float, every: float = 1) -> Centres:
+    """Predicted centres (n, 2) as (x, y) of all lenses that lie `margin` px or more inside the sensor.
+
+    Of one lens of `every`, spread evenly, instead: the same ones as long as the lattice moves by less than a lens.
+    """
     anchored = lattice.anchored(height, width)
     rows, columns = anchored.grid_shape(height, width)
     t, s = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     x, y = anchored.centres(t, s)
     inside = (x >= margin) & (x <= width - 1 - margin) & (y >= margin) & (y <= height - 1 - margin)
+    if every > 1:
+        first_t, first_s = lattice.nearest(anchored.cx, anchored.cy)
+        column = s + first_s
+        if lattice.arrangement == "hexagonal":
+            column -= t // 2 + first_t // 2
+        inside &= (column * EVEN[0] + (t + first_t) * EVEN[1]) % 1 < 1 / every
     return np.stack([x[inside], y[inside]], axis=1)
 
 

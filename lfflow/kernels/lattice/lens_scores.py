@@ -18,11 +18,13 @@ import numpy.typing as npt
 from lfflow.kernels.lattice.lens_light import (
     BY_COMMON,
     BY_F,
+    BY_FOLD,
     BY_H,
+    BY_X,
+    BY_Y,
     COLUMNS,
     DX,
     DY,
-    F_SLOPE,
     H_RADIUS,
     H_SLOPE,
     LIGHT,
@@ -45,8 +47,8 @@ OUTLIER = 5.0
 DENSE = 8
 """Parameters of a lens: β, γx, γy (relative; 1 / px), centre x, y, place of the second disc x, y (pixels), and the
 common share of the edges' blur."""
-PLAIN = 5
-"""Those of a lens without a second disc."""
+PLAIN = 6
+"""Those of a lens without a second disc: the last is the share of the light from beyond the border."""
 
 
 class Sums(NamedTuple):
@@ -86,10 +88,11 @@ def derive(
         dx, dy = pixels[DX, k], pixels[DY, k]
         model *= weight
         slopes[0, k], slopes[1, k], slopes[2, k] = model, model * dx, model * dy
-        push = -weight * bright * pixels[F_SLOPE, k] * pixels[BY_F, k] / max(pixels[RADIUS, k], 1e-9)
-        slopes[3, k], slopes[4, k] = push * dx, push * dy
+        slopes[3, k], slopes[4, k] = weight * bright * pixels[BY_X, k], weight * bright * pixels[BY_Y, k]
         push = -weight * bright * pixels[BY_H, k] * pixels[H_SLOPE, k] / max(pixels[H_RADIUS, k], 1e-9)
         slopes[5, k], slopes[6, k] = push * (dx - ox), push * (dy - oy)
+        if look.g.shape[0] > 0:
+            slopes[5, k] = weight * bright * pixels[BY_FOLD, k]
         slopes[7, k] = weight * bright * pixels[BY_COMMON, k]
         slopes[DENSE, k], slopes[DENSE + 1, k] = weight * residual, weight
     return squares, used

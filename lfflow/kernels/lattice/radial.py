@@ -23,15 +23,18 @@ class Radial:
     coefficients
         Shape (n,).
     first, step
-        Pixels. With `first` 0 the profile is even; else it is 1 below its knots.
+        Pixels. With `first` 0 the profile is even.
     reach
         Radius at which it ends, pixels; beyond its knots it is 0.
+    inner
+        Its value below its knots, where `first` is not 0.
     """
 
     coefficients: FloatArray
     first: float
     step: float
     reach: float
+    inner: float = 1.0
 
     @classmethod
     def like(cls, function: Callable[[FloatArray], FloatArray], first: float, last: float, step: float) -> Radial:
@@ -39,11 +42,11 @@ class Radial:
         count = max(int(np.ceil((last - first) / step)) + 2, 4)
         empty = cls(np.zeros(count), first, step, last)
         radius = np.arange(first, last, step / 8)
-        weights, fixed = empty._basis(radius)
+        weights, fixed = empty.basis(radius)
         found = np.linalg.lstsq(weights, function(radius) - fixed, rcond=None)[0]
         return replace(empty, coefficients=np.asarray(found, dtype=np.float64))
 
-    def _basis(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def basis(self, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Weights of the coefficients (radii, n), and the part that hangs on none."""
         count = len(self.coefficients)
         place = (radius - self.first) / self.step
@@ -56,13 +59,13 @@ class Radial:
             knot = np.abs(index + offset) if self.first == 0 else index + offset
             inside = (knot >= 0) & (knot < count)
             weights[np.nonzero(inside)[0], knot[inside]] += share[inside]
-            fixed += np.where(knot < 0, share, 0.0)
+            fixed += np.where(knot < 0, self.inner * share, 0.0)
         return weights, fixed
 
     def table(self) -> FloatArray:
         """Value and slope at the radii j / FINE, shape (m, 2)."""
         radius = np.arange(int(self.reach * FINE) + 2) / FINE
-        weights, fixed = self._basis(radius)
+        weights, fixed = self.basis(radius)
         values = weights @ self.coefficients + fixed
         return np.stack([values, np.gradient(values) * FINE], axis=1)
 

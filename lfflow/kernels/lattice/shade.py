@@ -32,7 +32,7 @@ FloatImage = npt.NDArray[np.float32]
 FloatArray = npt.NDArray[np.float64]
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _model(
     flat: FloatImage,
     lens: Geometry,
@@ -92,7 +92,7 @@ def _inside(zone: FloatImage, i: int, j: int, fi: np.float32, fj: np.float32) ->
     return np.float32(upper + fj * (lower - upper))
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _correct(model: FloatImage, lens: Geometry, scale: float, ratio: FloatImage) -> None:
     """Multiply the model by the ratio, interpolated between the bins and the middles of the zones."""
     zones, half = ratio.shape[0], ratio.shape[2] // 2
@@ -132,7 +132,8 @@ def shade(aperture: Aperture, lattice: Lattice, flat: FloatImage) -> FloatImage:
     place = aperture.matrix, aperture.origin, aperture.middle
     _model(flat, lens, f / f.max(), h, *place, scale, model, seen, due)
     _correct(model, lens, scale, _ratio(seen, due).astype(np.float32))
-    return np.asarray(np.minimum(model / np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6)), 1))
+    model /= np.float32(max(float(np.percentile(model[::7, ::5], 99)), 1e-6))
+    return np.minimum(model, 1, out=model)
 
 
 def _ratio(seen: FloatArray, due: FloatArray) -> FloatArray:

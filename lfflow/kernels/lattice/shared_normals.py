@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.lattice.lens_light import COLUMNS, Cell, Flags, FloatArray, FloatImage, gather_pixels
-from lfflow.kernels.lattice.lens_scores import DENSE, PLAIN, cross_normals, dense_normals, derive, spread
+from lfflow.kernels.lattice.lens_scores import DENSE, cross_normals, dense_normals, derive, spread
 from lfflow.kernels.lattice.radial import FINE
 
 
@@ -98,7 +98,7 @@ def gather_normals(
     sums: Any,
     totals: FloatArray,
     scores: FloatArray,
-    misfit: FloatArray,
+    quality: FloatArray,
 ) -> None:
     """Normal equations of the parameters that the lenses share, by blocks of lenses.
 
@@ -114,12 +114,13 @@ def gather_normals(
         Whether the coefficients of the profiles are looked for too.
     typical
         Misfit χ² per degree of freedom of a good lens; a lens weighs less by what it has more. 0: all weigh the same.
-    totals, scores, misfit
-        Matrices (blocks, common, common; lower triangle), scores (blocks, common), and each lens's misfit (n,), filled.
+    totals, scores, quality
+        Matrices (blocks, common, common; lower triangle), scores (blocks, common), and each lens's brightness and
+        misfit (n, 2), filled.
     """
-    clipped = look.h.shape[0] > 0
-    dense = DENSE if clipped else PLAIN
-    number = int(look.splines[0, 2]) + (int(look.splines[1, 2]) if clipped else 0) if splines else 0
+    dense = local + moves.shape[1]
+    second = look.splines[1, 2] > 0
+    number = int(look.splines[0, 2] + look.splines[1, 2]) if splines else 0
     size = dense + number
     pixels = np.zeros((COLUMNS, int(4 * (look.f.shape[0] / FINE + 1) ** 2)))
     slopes = np.zeros((DENSE + 2, pixels.shape[1]))
@@ -136,15 +137,16 @@ def gather_normals(
         dense_normals(slopes, count, dense, normal, right)
         if splines:
             spread(pixels, slopes, count, bright, look.splines, 0, places[:4], shares[:4])
-            if clipped:
+            if second:
                 spread(pixels, slopes, count, bright, look.splines, 1, places[4:], shares[4:])
                 for k in range(count):
                     for a in range(4, 8):
                         if places[a, k] >= 0:
                             places[a, k] += int(look.splines[0, 2])
-            cross_normals(slopes, count, dense, places[: 8 if clipped else 4], shares, normal, right)
+            cross_normals(slopes, count, dense, places[: 8 if second else 4], shares, normal, right)
         fall = _solve_local(normal, right, local, size, 1e-9)
-        misfit[lens] = (squares - fall) / max(used - local, 1)
-        weight = 1.0 if typical == 0.0 else typical / max(misfit[lens], typical)
+        misfit = (squares - fall) / max(used - local, 1)
+        quality[lens, 0], quality[lens, 1] = bright, misfit
+        weight = 1.0 if typical == 0.0 else typical / max(misfit, typical)
         if used > local + 4:
             _chain(normal, right, local, moves[lens], weight, totals[blocks[lens]], scores[blocks[lens]])

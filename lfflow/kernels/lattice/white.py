@@ -172,7 +172,7 @@ def _place(x: int, y: int, lens: Geometry) -> tuple[int, int, float, float]:  # 
     return t, s, (gx - s) * dh, (gy - t) * dv
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _sum_subimages(image, lens, ceiling, fine, total, count):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Sum and number of the pixels below `ceiling` in every fine cell of the subimage."""
     half = total.shape[0] // 2
@@ -197,7 +197,7 @@ def _cubic(f):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     )
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _draw(subimage, fine, image, lens, floor, ceiling, model, seen, expected):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Put the mean subimage on the pixels (y, x) of `model`; add up the light of its well lit ones by lens (t, s)."""
     half = subimage.shape[0] // 2
@@ -219,7 +219,7 @@ def _draw(subimage, fine, image, lens, floor, ceiling, model, seen, expected):  
                 expected[t, s] += value
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _shade_lenses(image, lens, gains, ceiling, model, sums):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Multiply the model by the gain of each lens; add up, in every coarse cell of every tile, image w and model m.
 
@@ -274,7 +274,7 @@ def _field(values, y, x, height, width, a, b):  # type: ignore[no-untyped-def]  
     return upper + share_y * (lower - upper)
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _finish(image, lens, ratio, misfit, noise, model):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Multiply the pixels (y, x) of `model` by the ratio; move them towards the image where the model misses it.
 

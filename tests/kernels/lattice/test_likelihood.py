@@ -96,8 +96,15 @@ def sharp(radius: np.ndarray, edge: float) -> np.ndarray:
     return (radius < edge).astype(float)
 
 
-def gathered(edge, cat_eye: float, larger: float, *, fine: int = 6) -> np.ndarray:
-    """Subimages that a second disc clips towards the corners, gathered over the area of each pixel."""
+def blurred(radius: np.ndarray, edge: float) -> np.ndarray:
+    return 1 / (1 + np.exp(np.clip((radius - edge) / 1.0, -50, 50)))
+
+
+def gathered(edge, cat_eye: float, larger: float, *, fine: int = 6, second=None) -> np.ndarray:
+    """Subimages that a second disc clips towards the corners, gathered over the area of each pixel.
+
+    A point of a pixel beyond the border of a cell shows the next lens.
+    """
     dx, dy, u, v = under_lenses()
     radius, total = 0.46 * TRUTH.dh, np.zeros(SHAPE)
     places = (np.arange(fine) + 0.5) / fine - 0.5
@@ -105,7 +112,7 @@ def gathered(edge, cat_eye: float, larger: float, *, fine: int = 6) -> np.ndarra
         for b in places:
             x, y = dx + a, dy + b
             other = np.hypot(x + cat_eye * radius * u, y + cat_eye * radius * v)
-            light = edge(np.hypot(x, y), radius) * edge(other, larger * radius)
+            light = edge(np.hypot(x, y), radius) * (second or edge)(other, larger * radius)
             total += light * (1 - 0.2 * (x**2 + y**2) / radius**2)
     return total / fine**2 / (1 + 0.3 * (u**2 + v**2)) ** 2
 
@@ -135,6 +142,47 @@ def test_a_disc_that_clips_the_corners_does_not_move_the_lattice(edge, cat_eye: 
 @pytest.mark.parametrize(("edge", "cat_eye", "larger"), CLIPPED)
 def test_covariance_of_clipped_subimages_covers_the_truth(edge, cat_eye: float, larger: float) -> None:
     check_clipped(edge, cat_eye, larger, 20)
+
+
+def test_a_second_disc_may_have_a_softer_edge() -> None:
+    drawn = gathered(soft, 0.6, 1.1, second=blurred)
+    for seed in range(2):
+        found, error = refined(expose(drawn, seed))
+        assert found.lattice.distance_to(TRUTH, *SHAPE) < 0.01
+        assert error @ np.linalg.solve(found.covariance, error) < chi2.ppf(0.9995, 5)
+
+
+@pytest.mark.parametrize(("edge", "cat_eye"), [(soft, 0.12), (sharp, 0.2)])
+def test_a_weak_clipping_does_not_move_the_lattice(edge, cat_eye: float) -> None:
+    drawn = gathered(edge, cat_eye, 1 + 0.15 * cat_eye)
+    for seed in range(3):
+        found, error = refined(expose(drawn, seed))
+        assert found.lattice.distance_to(TRUTH, *SHAPE) < 0.01
+        assert error @ np.linalg.solve(found.covariance, error) < chi2.ppf(0.9995, 5)
+
+
+def test_a_clipping_too_weak_to_be_seen_is_stated() -> None:
+    drawn = gathered(soft, 0.06, 1.01)
+    for seed in range(3):
+        found, error = refined(expose(drawn, seed))
+        assert error @ np.linalg.solve(found.covariance, error) < chi2.ppf(0.9995, 5)
+
+
+def test_pixels_that_gather_light_do_not_move_the_lattice() -> None:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    places, total = (np.arange(6) + 0.5) / 6 - 0.5, np.zeros(SHAPE)
+    for a, b in np.stack(np.meshgrid(places, places), axis=-1).reshape(-1, 2):
+        centre_x, centre_y = TRUTH.centres(*TRUTH.nearest(x + a, y + b))
+        u, v = (
+            (centre - middle) / np.hypot(*MIDDLE) for centre, middle in zip((centre_x, centre_y), MIDDLE, strict=True)
+        )
+        radius = np.hypot(x + a - centre_x, y + b - centre_y)
+        total += soft(radius, 0.47 * TRUTH.dh) / (1 + 0.5 * (u**2 + v**2)) ** 2
+    raw = (0.8 * 3000 * total / 36 * np.tile([[0.6, 1.0], [1.0, 0.5]], (SHAPE[0] // 2, SHAPE[1] // 2))).astype(
+        np.float32
+    )
+    found, _ = refined(equalise(raw, np.zeros((2, 2)))[0])
+    assert found.lattice.distance_to(TRUTH, *SHAPE) < 1e-4
 
 
 def test_scene_content_does_not_move_the_lattice() -> None:
