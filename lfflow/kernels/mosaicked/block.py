@@ -31,33 +31,53 @@ def _unit(weights: npt.NDArray[np.float64]) -> FloatArray:
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _add(out, part, w):  # type: ignore[no-untyped-def]
+def _along(padded, start, weights, out):  # type: ignore[no-untyped-def]
+    """Row of the weighted sums from `start` on, four weights at a time: what is read and written counts most."""
+    columns, taps = out.shape[0], weights.shape[0]
+    out[:] = 0
+    for k in range(0, taps - 3, 4):
+        a, b, c, d = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        part = padded[start + k : start + k + columns + 3]
+        for s in range(columns):
+            out[s] += a * part[s] + b * part[s + 1] + c * part[s + 2] + d * part[s + 3]
+    for k in range(taps - taps % 4, taps):
+        part = padded[start + k : start + k + columns]
+        for s in range(columns):
+            out[s] += weights[k] * part[s]
+
+
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _add(out, part, w, other, v):  # type: ignore[no-untyped-def]
     for s in range(out.shape[0]):
-        out[s] += w * part[s]
+        out[s] += w * part[s] + v * other[s]
 
 
 @numba.njit(nogil=True, cache=True)
 def block_sum(image, offset, whole, between, down):  # type: ignore[no-untyped-def]
     """Block sums (t, s) of an image (t, s) whose row t starts at X = offset[t]; outside counts as 0."""
     rows, columns = image.shape
-    reach = whole.shape[0] // 2
-    margin = reach + 1
-    here = np.zeros((rows, columns), dtype=np.float32)
-    aside = np.zeros((rows, columns), dtype=np.float32)
-    padded = np.zeros(columns + 2 * margin, dtype=np.float32)
+    margin = whole.shape[0] // 2 + 1
+    deep = down.shape[0] // 2
     brick = between.shape[0] != whole.shape[0]
+    # Rows of the sums along the row: at the lenses of the row itself, and at those of the rows half a lens aside.
+    lines = np.zeros((2, rows + 2 * deep + 1, columns), dtype=np.float32)
+    padded = np.zeros(columns + 2 * margin, dtype=np.float32)
     for t in range(rows):
         padded[margin : margin + columns] = image[t]
-        for k in range(whole.shape[0]):
-            _add(here[t], padded[1 + k : 1 + k + columns], whole[k])
+        _along(padded, 1, whole, lines[0, t + deep])
         if brick:
-            start = 1 if offset[t] > 0 else 2
-            for k in range(between.shape[0]):
-                _add(aside[t], padded[start + k : start + k + columns], between[k])
+            _along(padded, 1 if offset[t] > 0 else 2, between, lines[1, t + deep])
     out = np.zeros((rows, columns), dtype=np.float32)
-    deep = down.shape[0] // 2
     for t in range(rows):
-        for other in range(max(0, t - deep), min(rows, t + deep + 1)):
-            part = here[other] if offset[other] == offset[t] else aside[other]
-            _add(out[t], part, down[other - t + deep])
+        for k in range(0, 2 * deep + 1, 2):
+            first, after = t + k, t + k + 1
+            v = down[k + 1] if k < 2 * deep else np.float32(0)
+            _add(out[t], lines[_aside(offset, t, first - deep), first], down[k],
+                 lines[_aside(offset, t, after - deep), after], v)  # fmt: skip
     return out
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _aside(offset, t, other):  # type: ignore[no-untyped-def]
+    """1 where the lenses of row `other` lie half a lens aside of those of row t; rows outside are empty."""
+    return 1 if 0 <= other < offset.shape[0] and offset[other] != offset[t] else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -11,6 +12,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from lfflow.kernels.mosaicked.block import block_sum, block_weights
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField
 from lfflow.kernels.mosaicked.refine import Evidence
+from lfflow.kernels.surface import lattice_axes
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -21,14 +23,18 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-MODEL_ERROR = 0.0035
-"""What stays without noise, as planes show it: the picture is read between its lenses (simulated F01 and Illum)."""
-NOISE_FACTOR = 0.6
-"""Measured over predicted error of the evidence within `AROUND`: the surface collects it from farther away."""
-APART_SHARE = 0.25
-"""Share, in the variance, of the scatter of the evidence about the surface."""
-STEP_SHARE = 0.12
-"""Error per difference of the disparities within two lenses."""
+FLOOR = 0.0016
+"""What stays without noise, lens pitches per view step: the picture is read between its lenses."""
+SCATTER = 1.5
+"""Std of the surface in units of what the evidence around a place leaves, times how the evidence scatters about it."""
+BEND = 0.0013
+"""Bend of the surface, within a lens, that doubles the std: where it follows single places, less of them decide."""
+OF_BLOCK = 0.5
+"""Std of a place that is not held by its surroundings, in units of what the closed formula says of its block."""
+STRAY = 5.0
+"""Most that one place adds to the scatter, in units of its own std."""
+OWN_SHARE = 0.2
+"""Share of what a place without texture knows by itself."""
 STEP = 0.08
 """Half the difference of the disparities within two lenses beyond which a place may belong to either side."""
 TEXTURELESS = 0.05
@@ -60,25 +66,61 @@ def error_map(
 ) -> tuple[FloatArray, ByteArray]:
     """Standard deviation and flags (t, s) of a disparity (t, s), NaN where there is none.
 
-    The std joins the variance that the evidence around a place leaves, how far that evidence lies from the disparity,
-    a floor for what noise does not explain, and the step of the disparity nearby: there the block and the completed
-    picture mix two surfaces, so the place is flagged occluded where the step is large. Without texture it is what the
-    place knows by itself: what fills it may be another surface's. It is calibrated on simulated F01 captures. What is
-    `filled` where there is no texture is flagged so.
+    The std is what the closed formula leaves of the evidence around a place, times how much more than that formula says
+    the evidence scatters about the surface, times a factor that grows where the surface bends: there fewer places hold
+    it, and what bends without need follows errors. At the border, where the surface is held and the views are seen from
+    one side only, it is divided by the square of the share of the surroundings that there is. The constants are
+    calibrated on simulated captures of both cameras and of several sensitivities. Beside a step it is no more than half
+    of the step, and the place is flagged occluded: it belongs to either side. Without texture, part of what the place
+    knows by itself is added: what fills it may be another surface's. What is not `filled` from around has the std of
+    its own block.
     """
     known = np.isfinite(disparity)
     step = half_range(disparity)
-    weights = block_weights(AROUND, field.row_pitch, brick=bool(field.offset.max() > 0))
-    around = block_sum(told.information, field.offset, *weights)
-    off = np.where(known, told.disparity - disparity, 0).astype(np.float32) ** 2
-    apart = block_sum(told.information * off, field.offset, *weights) / np.maximum(around, 1e-9)
-    lenses = 4 * np.pi * AROUND**2 * 2 / np.sqrt(3)
-    variance = 1 / (lenses * around + LEAST_KNOWN**-2)
-    std = np.sqrt(MODEL_ERROR**2 + NOISE_FACTOR**2 * variance + APART_SHARE * apart + (STEP_SHARE * step) ** 2)
+    beside = step > STEP
+    if filled:
+        std = _of_surface(disparity, told, field)
+        std[beside] = np.minimum(std, step)[beside]
+    else:
+        std = np.hypot(FLOOR, OF_BLOCK / np.sqrt(told.information + LEAST_KNOWN**-2))
+        std[beside] = np.maximum(std, step)[beside]
     plain = told.own > TEXTURELESS
-    std[plain] = np.maximum(std, np.minimum(told.own, LEAST_KNOWN))[plain]
+    std[plain] = np.hypot(std, OWN_SHARE * told.own)[plain]
+    std = np.minimum(std, LEAST_KNOWN)
     flags = np.where(known, 0, NO_DATA).astype(np.uint8)
     flags[known & plain] |= LOW_TEXTURE | (FILLED if filled else 0)
-    flags[known & (step > STEP)] |= OCCLUDED
+    flags[known & beside] |= OCCLUDED
     flags[saturated] |= SATURATED
     return np.where(known, std, np.nan).astype(np.float32), flags
+
+
+def _of_surface(disparity: FloatArray, told: Evidence, field: MosaicField) -> FloatArray:
+    """Std (t, s) of a surface through the evidence of all places around."""
+    known = np.isfinite(disparity)
+    weights = block_weights(AROUND, field.row_pitch, brick=bool(field.offset.max() > 0))
+    around, share = (
+        block_sum(one.astype(np.float32), field.offset, *weights) for one in (told.information * known, known)
+    )
+    lenses = 4 * np.pi * AROUND**2 * 2 / np.sqrt(3)
+    formula = 1 / np.sqrt(lenses * around + LEAST_KNOWN**-2)
+    away = told.information * np.where(known, told.disparity - disparity, 0) ** 2
+    scatter = block_sum(np.minimum(away, STRAY**2).astype(np.float32), field.offset, *weights)
+    scatter = np.sqrt(scatter / np.maximum(share, 1e-6))
+    bend = maximum_filter(_bend(np.where(known, disparity, np.nan), lattice_axes(field.offset)), 3)
+    std: FloatArray = np.hypot(FLOOR, SCATTER * scatter * formula * (1 + bend / BEND)) / np.maximum(share, 0.1) ** 2
+    return std
+
+
+@numba.njit(nogil=True, cache=True)
+def _bend(disparity, axes):  # type: ignore[no-untyped-def]
+    """Largest second difference (t, s) along the rows of lenses; 0 at the border and beside unknown places."""
+    rows, columns = disparity.shape
+    out = np.zeros((rows, columns), dtype=np.float32)
+    for t in range(1, rows - 1):
+        for axis in range(axes.shape[1]):
+            t0, s0, t1, s1 = axes[t, axis]
+            for s in range(1, columns - 1):
+                bend = abs(disparity[t + t0, s + s0] - 2 * disparity[t, s] + disparity[t + t1, s + s1])
+                if bend > out[t, s]:
+                    out[t, s] = bend
+    return out

@@ -13,6 +13,8 @@ from lfflow.kernels.mosaicked.subpixel import minimum
 FloatArray = npt.NDArray[np.float32]
 Fusion = Literal["trimmed", "mean", "opposite", "median", "inverse_variance"]
 FUSIONS: tuple[Fusion, ...] = ("trimmed", "mean", "opposite", "median", "inverse_variance")
+STRETCH = 512
+"""Places that are sorted side by side."""
 
 
 def weighted_median(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -54,24 +56,34 @@ def trimmed_sum(costs: FloatArray, keep: float = 0.75) -> FloatArray:
 @numba.njit(nogil=True, cache=True)
 def _trim(costs: FloatArray, keep: float, out: FloatArray) -> None:
     pairs, places = costs.shape
-    ordered = np.empty(pairs, dtype=np.float32)
-    for n in range(places):
-        count = 0
+    ordered = np.empty((pairs, STRETCH), dtype=np.float32)
+    shares = np.array([max(1.0, np.ceil(keep * count)) for count in range(pairs + 1)], dtype=np.float32)
+    for start in range(0, places, STRETCH):
+        width = min(STRETCH, places - start)
         for k in range(pairs):
-            value = costs[k, n]
-            if not np.isfinite(value):
-                continue
-            at = count
-            while at > 0 and ordered[at - 1] > value:
-                ordered[at] = ordered[at - 1]
-                at -= 1
-            ordered[at] = value
-            count += 1
-        kept = max(1, int(np.ceil(keep * count)))
-        total = np.float32(0)
-        for k in range(min(kept, count)):
-            total += ordered[k]
-        out[n] = total / kept if count > 0 else np.nan
+            for n in range(width):
+                value = costs[k, start + n]
+                ordered[k, n] = value if np.isfinite(value) else np.float32(np.inf)
+        for last in range(pairs - 1, 0, -1):
+            for k in range(last):
+                _order(ordered[k, :width], ordered[k + 1, :width])
+        for n in range(width):
+            count = 0
+            for k in range(pairs):
+                count += ordered[k, n] < np.inf
+            kept = shares[count]
+            total = np.float32(0)
+            for k in range(min(int(kept), count)):
+                total += ordered[k, n]
+            out[start + n] = total / kept if count > 0 else np.nan
+
+
+@numba.njit(nogil=True, cache=True)
+def _order(lower, upper):  # type: ignore[no-untyped-def]
+    """Exchange the numbers of both rows where the first is the larger."""
+    for n in range(lower.shape[0]):
+        a, b = lower[n], upper[n]
+        lower[n], upper[n] = min(a, b), max(a, b)
 
 
 def fuse_costs(costs: FloatArray, hypotheses: npt.NDArray[np.floating], fusion: Fusion) -> FloatArray:

@@ -7,6 +7,8 @@ picture's own slopes make up for it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numba
 import numpy as np
@@ -24,12 +26,11 @@ DARKEST, LIGHTEST = 0.5, 2.0
 
 def without_strangers(field: MosaicField) -> MosaicField:
     """Field without the views that are far darker or lighter than the central one: black, where others see."""
-    views = field.views()
-    light = {(j, i): np.median(field.mosaic[j, i][field.cfa[j, i] != CFA_NONE]) for j, i in views}
+    light = {at: _middle(field.mosaic[at], field.cfa[at]) for at in field.views()}
     mosaic, cfa, _ = field.view(0, 0)
     if not (cfa != CFA_NONE).any():
         return field
-    middle = np.median(mosaic[cfa != CFA_NONE])
+    middle = _middle(mosaic, cfa)
     strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
     if not strangers:
         return field
@@ -39,11 +40,18 @@ def without_strangers(field: MosaicField) -> MosaicField:
     return field._replace(cfa=cfas, weight=weights, mosaic=mosaics)
 
 
+def _middle(mosaic: FloatArray, cfa: npt.NDArray[np.uint8]) -> float:
+    """Median of the samples of every third row, or of all where those have none."""
+    some = mosaic[::3][cfa[::3] != CFA_NONE]
+    return float(np.median(some if some.size else mosaic[cfa != CFA_NONE]))
+
+
 def levelled(
     field: MosaicField,
     picture: FloatArray,
     disparity: FloatArray,
     *,
+    views: Sequence[tuple[int, int]],
     limit: float,
     least: float,
     sigma: float = 3.0,
@@ -53,6 +61,8 @@ def levelled(
 
     Parameters
     ----------
+    views
+        Places (v, u) in the arrays of the views that are levelled; the others stay as they are.
     limit
         Difference, in units of the mosaic, beyond which a sample hardly counts: it may show another surface.
     least
@@ -71,13 +81,11 @@ def levelled(
         view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
         _differences(view, place, field.rho, field.offset, np.float32(field.row_pitch), colours, start,
                      np.float32(limit), total)  # fmt: skip
-        smooth, weight = (cv2.GaussianBlur(one, (0, 0), sigma, sigmaY=sigma / field.row_pitch) for one in total)
-        smooth /= np.maximum(weight, np.float32(1e-4))
-        square = smooth * smooth
-        mosaic[j, i] -= smooth * square / (square + np.float32(least**2))
-        mosaic[j, i][field.cfa[j, i] == CFA_NONE] = 0
+        for part in total:
+            cv2.GaussianBlur(part, (0, 0), sigma, dst=part, sigmaY=sigma / field.row_pitch)
+        _take_off(total, field.cfa[j, i], np.float32(least**2), mosaic[j, i])
 
-    each(one_view, field.views(), threads)
+    each(one_view, views, threads)
     return field._replace(mosaic=mosaic)
 
 
@@ -88,7 +96,7 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
     u, v = place
     rows, columns = disparity.shape
     one = np.float32(1)
-    narrow = one / (limit * limit)
+    narrow, rows_per_lens = one / (limit * limit), one / pitch
     for t in range(rows):
         for s in range(columns):
             d = disparity[t, s]
@@ -98,7 +106,7 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
             if row < 1 or row >= rows - 1 or column < 1 or column >= columns - 2 or cfa[row, column] > 2:
                 continue
             x = np.float32(column) + offset[row] + d * (u + rho[0, row, column])
-            y = np.float32(row) + d * (v + rho[1, row, column]) / pitch
+            y = np.float32(row) + d * (v + rho[1, row, column]) * rows_per_lens
             r = mosaic[row, column] - _read(padded, offset, x, y, cfa[row, column])
             robust = one / (one + r * r * narrow)
             w = confidence[row, column] * robust * robust
@@ -106,15 +114,28 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
             total[1, row, column] += w
 
 
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _take_off(total, cfa, least, mosaic):  # type: ignore[no-untyped-def]
+    """Take the smooth difference (its sum and weight: `total`) off the samples, less of it where it is small."""
+    for t in range(cfa.shape[0]):
+        for s in range(cfa.shape[1]):
+            smooth = total[0, t, s] / max(total[1, t, s], np.float32(1e-4))
+            square = smooth * smooth
+            changed = mosaic[t, s] - smooth * (square / (square + least))
+            mosaic[t, s] = np.float32(0) if cfa[t, s] == CFA_NONE else changed
+
+
 @numba.njit(nogil=True, cache=True, inline="always")
 def _read(picture, offset, x, y, c):  # type: ignore[no-untyped-def]
     """Picture (t, s, channel) at X = x, row y, between four lenses: what is smoothed afterwards needs no more."""
     rows, columns = picture.shape[0], picture.shape[1]
-    top = min(max(int(y), 0), rows - 2)
-    f = y - np.float32(top)
-    upper = min(max(x - offset[top], np.float32(0)), np.float32(columns - 1.001))
-    lower = min(max(x - offset[top + 1], np.float32(0)), np.float32(columns - 1.001))
-    m, n = int(upper), int(lower)
-    first = picture[top, m, c] + (upper - np.float32(m)) * (picture[top, m + 1, c] - picture[top, m, c])
-    second = picture[top + 1, n, c] + (lower - np.float32(n)) * (picture[top + 1, n + 1, c] - picture[top + 1, n, c])
-    return first + f * (second - first)
+    none, right, one = np.float32(0), np.float32(columns - 1.001), np.uint32(1)
+    y = min(max(y, none), np.float32(rows - 1.001))
+    top = np.uint32(y)
+    upper = min(max(x - offset[top], none), right)
+    lower = min(max(x - offset[top + one], none), right)
+    m, n = np.uint32(upper), np.uint32(lower)
+    first, second = picture[top, m, c], picture[top + one, n, c]
+    first += (upper - np.float32(m)) * (picture[top, m + one, c] - first)
+    second += (lower - np.float32(n)) * (picture[top + one, n + one, c] - second)
+    return first + (y - np.float32(top)) * (second - first)

@@ -8,8 +8,10 @@ hypotheses the samples decide again, joined by a surface of little curvature tha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,7 @@ from lfflow.kernels.colour.completion import complete_centre
 from lfflow.kernels.mosaicked.edge_place import place_edges
 from lfflow.kernels.mosaicked.error_map import TEXTURELESS, error_map, half_range
 from lfflow.kernels.mosaicked.fusion import Fusion, fuse_costs
+from lfflow.kernels.mosaicked.islands import without_islands
 from lfflow.kernels.mosaicked.levelling import levelled, without_strangers
 from lfflow.kernels.mosaicked.model_cost import model_costs
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField
@@ -42,9 +45,9 @@ PRESSED = 0.04
 """Share of the clear places that may lie at the border before the range is doubled."""
 INNER, OUTER, RIM = 0.58, 0.73, 1.09
 """Radii, in units of the aperture's: views within the first make the picture, those between the others are compared."""
-FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.3, 6.0)
+FIRST_PENALTIES, SECOND_PENALTIES = (0.1, 0.7), (1.6, 8.0)
 """Price of a change by one step and of a jump, in units of the cost of what fits."""
-EDGE, LEAST_EDGE = 2.0, 0.02
+EDGE, LEAST_EDGE = 1.5, 0.02
 """Change of the picture (mean over the colours) at an edge: in units of a sample's noise, and at least. It makes jumps
 2.7 times cheaper, and loosens the surface to half."""
 PAIR_NOISE = 1.2
@@ -54,16 +57,18 @@ CLEAR = 4.0
 STRANGE, UNEVEN = 6.0, 0.1
 """Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
 the mean over several lenses where the light of the view is another."""
-SECOND_BLOCK = 1.0
+SECOND_BLOCK = 0.8
 """Gaussian of the second pass, lens pitches."""
-BAND, BAND_REACH = 0.25, 4
+MOSTLY_NOISE = 0.25
+"""Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
+BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP = 2e4, 0.03
-"""Of the surface, `lfflow.kernels.surface.fit_surface`."""
-MOST_DOUBT = 0.1
+STIFFNESS, JUMP, STEPS = 2e4, 0.02, 120
+"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
+MOST_DOUBT = 0.03
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
-ROUNDS = 2
-"""Steps of the refinement below the hypotheses."""
+TELLING = 0.45
+"""Radius of the aperture from which views are asked for what is below the hypotheses: the inner ones know little."""
 READ_LEVEL = 0.005
 """Radiance added under the root that makes photon noise the same at all levels: that of the read noise."""
 CLIPPED_WEIGHT = 0.02
@@ -86,20 +91,49 @@ class Matching:
     threads: int = 1
 
 
+class First(NamedTuple):
+    """What the first pass tells.
+
+    Parameters
+    ----------
+    disparity
+        (t, s), lens pitches per view step.
+    noise
+        Standard deviation of the noise of a sample.
+    clear
+        Share of the lenses whose blocks have enough texture to stand out of the noise.
+    """
+
+    disparity: FloatArray
+    noise: float
+    clear: float
+
+
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
     """Disparity, std and flags (t, s) of view (0, 0)."""
     _, colour, confidence = field.view(0, 0)
     level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
-    found, noise = _first_pass(level, options)
-    if options.second_pass:
-        found, level = _second_pass(level, found, noise, options)
-    found, told, picture = _refined(level, found, noise, options)
-    if options.second_pass and options.regularise:
-        found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
+    found, told = further_passes(level, first_pass([level], options), options)
     known = np.isfinite(found) & inside(field)
     saturated = (colour != CFA_NONE) & (confidence < CLIPPED_WEIGHT)
     std, flags = error_map(np.where(known, found, np.nan), told, saturated, field, filled=options.regularise)
     return np.where(known, found, np.nan).astype(np.float32), std, flags
+
+
+def further_passes(level: MosaicField, first: First, options: Matching) -> tuple[FloatArray, Evidence]:
+    """Disparity (t, s) from all samples, started from `first`, and what the samples told of it.
+
+    `level` holds samples whose noise is the same at all levels.
+    """
+    found, noise = first.disparity, first.noise
+    if options.second_pass:
+        for _ in range(1 if first.clear > MOSTLY_NOISE else 2):
+            found = _second_pass(level, found, noise, options)
+    found, told, picture = _refined(level, found, noise, options)
+    if options.second_pass and options.regularise:
+        found = place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise)
+        found = without_islands(found, told.own > TEXTURELESS)
+    return found, told
 
 
 def _refined(
@@ -107,9 +141,12 @@ def _refined(
 ) -> tuple[FloatArray, Evidence, FloatArray]:
     """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
     axes = lattice_axes(field.offset)
-    for _ in range(ROUNDS):
+    telling = field.views(TELLING * field.aperture())
+    for views in (telling[::2], telling):
         picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
-        told = evidence(field, picture, found, noise=noise, threads=options.threads)
+        if options.second_pass and views is not telling:
+            field = _levelled(field, telling, picture, found, noise, options)
+        told = evidence(field, picture, found, views=views, noise=noise, threads=options.threads)
         if not options.regularise:
             found = told.disparity
             continue
@@ -117,7 +154,7 @@ def _refined(
         doubt = np.minimum(told.own, MOST_DOUBT)
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
-                            jump=np.hypot(JUMP, doubt), edge=_edge(noise))  # fmt: skip
+                            jump=np.hypot(JUMP, doubt), edge=_edge(noise), iterations=STEPS)  # fmt: skip
     return found, told, picture
 
 
@@ -154,38 +191,53 @@ def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
     return sorted(support, key=lambda pair: -support[pair])[:4]
 
 
-def _first_pass(field: MosaicField, options: Matching) -> tuple[FloatArray, float]:
-    """Disparity (t, s) from same-colour pairs, and the standard deviation of the noise of a sample."""
+def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
+    """What same-colour pairs tell.
+
+    Several fields of the same lenses and views, one for each colour, are matched together.
+    """
+    field = fields[0]
     pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
     longest = max(max(abs(a), abs(b)) for a, b in pairs)
-    reach = FIRST_RANGE
+    reach, costs = FIRST_RANGE, np.empty((len(pairs), 0, *field.rho.shape[1:]), dtype=np.float32)
     while True:
         labels = _labels(options, 0.5 / longest, (-reach, reach))
-        cost = partial(pair_cost, field, hypotheses=labels, sigma=options.sigma, min_support=options.min_support,
-                       interpolation=options.interpolation)  # fmt: skip
-        costs = np.stack(each(cost, pairs, options.threads))
+        more = (len(labels) - costs.shape[1]) // 2
+        beyond = np.concatenate([labels[:more], labels[len(labels) - more :]]) if costs.size else labels
+        fresh = np.stack(each(partial(_pair_cost, fields, beyond, options), pairs, options.threads))
+        costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
-        found = _decide(fused, labels, None, options, brick=_is_brick(field))
-        clear = _is_clear(fused, found) & inside(field)
-        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(found[clear], reach - 1 / longest):
+        clear = _is_clear(fused) & inside(field)
+        best = np.abs(minimum(fused, labels, "none")[0])[clear]
+        if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
+        found = _decide(fused, labels, None, options, brick=_is_brick(field))
         if options.hypotheses is None and clear.any():
             found = np.clip(found, *_span(found[clear]))
-        return found, float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+        noise = float(np.sqrt(noise_level(fused) / PAIR_NOISE))
+        return First(found, noise, float(clear.sum() / max(inside(field).sum(), 1)))
 
 
-def _is_clear(cost: FloatArray, found: FloatArray) -> npt.NDArray[np.bool_]:
+def _pair_cost(
+    fields: Sequence[MosaicField], labels: npt.NDArray[np.float64], options: Matching, pair: Pair
+) -> FloatArray:
+    costs = [pair_cost(field, pair, labels, sigma=options.sigma, min_support=options.min_support,
+                       interpolation=options.interpolation) for field in fields]  # fmt: skip
+    return costs[0] if len(costs) == 1 else np.mean(costs, axis=0, dtype=np.float32)
+
+
+def _is_clear(cost: FloatArray) -> npt.NDArray[np.bool_]:
     """Places (t, s) whose block has enough texture for its smallest cost to stand out of the noise."""
     known = np.isfinite(cost)
     mean = np.where(known, cost, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     least = np.where(known, cost, np.inf).min(axis=0)
-    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0) & np.isfinite(found))
+    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0))
 
 
-def _presses(found: FloatArray, border: float) -> bool:
-    """Whether disparities of clear places lie at the border of the range."""
-    return bool(found.size) and float(np.mean(np.abs(found) > border)) > PRESSED
+def _presses(away: FloatArray, border: float) -> bool:
+    """Whether disparities of clear places, at `away` from 0, lie at the border of the range."""
+    return bool(away.size) and float(np.mean(away > border)) > PRESSED
 
 
 def _span(found: FloatArray) -> tuple[float, float]:
@@ -194,26 +246,29 @@ def _span(found: FloatArray) -> tuple[float, float]:
     return float(low) - 0.15, float(high) + 0.15
 
 
-def _second_pass(
-    field: MosaicField, first: FloatArray, noise: float, options: Matching
-) -> tuple[FloatArray, MosaicField]:
-    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`.
-
-    The field comes back too, with the brightness of its views levelled.
-    """
+def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: Matching) -> FloatArray:
+    """Disparity at which the outer views agree with a picture that the inner views alone make along `first`."""
     if not np.isfinite(first).any():
-        return first, field
+        return first
     labels = _labels(options, SECOND_STEP, (float(np.nanmin(first)), float(np.nanmax(first))))
     radius, doubt = field.aperture(), _doubt(first, 3)
     guide, _ = complete_centre(field, first, doubt, threads=options.threads)
-    field = levelled(field, guide, first, limit=STRANGE * noise, least=UNEVEN * noise, threads=options.threads)
-    inner, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
-    outer = field.views(OUTER * radius, RIM * radius)
-    costs = model_costs(field, inner, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
+    inner, outer = field.views(0, INNER * radius), field.views(OUTER * radius, RIM * radius)
+    field = _levelled(field, inner + outer, guide, first, noise, options)
+    picture, _ = complete_centre(field, first, doubt, within=INNER * radius, threads=options.threads)
+    costs = model_costs(field, picture, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
     found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
-    return np.where(np.isfinite(found), found, first).astype(np.float32), field
+    return np.where(np.isfinite(found), found, first).astype(np.float32)
+
+
+def _levelled(
+    field: MosaicField, views: Sequence[Pair], picture: FloatArray, disparity: FloatArray, noise: float,
+    options: Matching,
+) -> MosaicField:  # fmt: skip
+    return levelled(field, picture, disparity, views=views, limit=STRANGE * noise, least=UNEVEN * noise,
+                    threads=options.threads)  # fmt: skip
 
 
 def _band(first: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -106,7 +106,7 @@ def shown_by(t, s, d, u, v, offset, pitch):  # type: ignore[no-untyped-def]
     They may lie outside of the field, the column is -1 where the row does, and `d` must not be NaN.
     """
     half = np.float32(0.5)
-    row = int(np.floor(np.float32(t) - d * v / pitch + half))
+    row = int(np.floor(np.float32(t) - d * (v / pitch) + half))
     if row < 0 or row >= offset.shape[0]:
         return row, -1
     return row, int(np.floor(np.float32(s) + offset[t] - d * u - offset[row] + half))

@@ -142,29 +142,19 @@ def squared_error(
     return error, support
 
 
-@numba.njit(nogil=True, cache=True)
-def _read(value, colour, weight, rho, row, column, taps, wanted, rest, rho_x, rho_y, mine):  # type: ignore[no-untyped-def]
-    """Value minus `mine` (exactly 0 where all taps equal it) and confidence at one place of a row.
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
+def _tap(value, colour, weight, rho_x, rho_y, mine, wanted, here_x, here_y, share, rest, total, confidence):  # type: ignore[no-untyped-def]
+    """Add one tap of each place of a row, less the place's own value `mine` (exactly 0 where they are equal).
 
-    The confidence is 0 where a tap is missing, of another colour, or beyond a wrap of the rounding.
+    The confidence becomes 0 where the tap is missing, of another colour, or beyond a wrap of the rounding.
     """
-    columns = value.shape[1]
-    total = np.float32(0)
-    confidence = np.float32(np.inf)
-    for k in range(6):
-        if taps[k] == 0:
-            continue
-        s = column + k - 2
-        if s < 0 or s >= columns or colour[row, s] != wanted:
-            return np.float32(0), np.float32(0)
-        if abs(rho[0, row, s] - rho_x) > rest or abs(rho[1, row, s] - rho_y) > rest:
-            return np.float32(0), np.float32(0)
-        total += taps[k] * (value[row, s] - mine)
-        confidence = min(confidence, weight[row, s])
-    return total, confidence
+    for s in range(mine.shape[0]):
+        total[s] += share * (value[s] - mine[s])
+        other = abs(rho_x[s] - here_x[s]) > rest or abs(rho_y[s] - here_y[s]) > rest or colour[s] != wanted[s]
+        confidence[s] = np.float32(0) if other else min(confidence[s], weight[s])
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
 def _compare(mine, other, rho, first, share, starts, taps, rest, error, support):  # type: ignore[no-untyped-def]
     value_a, colour_a, weight_a = mine
     value_b, colour_b, weight_b = other
@@ -175,17 +165,24 @@ def _compare(mine, other, rho, first, share, starts, taps, rest, error, support)
             continue
         # Rows differ in rho by design of the lattice; only inside one row does a jump mean a wrap.
         limit = rest if first == 0 and level == 1 else np.float32(2)
+        total, confidence = error[t], support[t]
+        confidence[:] = weight_a[t]
+        for lower in range(level):
+            row = t + first + lower
+            part = share if lower else np.float32(1) - share
+            for k in range(taps.shape[2]):
+                if taps[lower, t, k] == 0:
+                    continue
+                shift = starts[lower, t] + k - 2
+                low, high = min(max(0, -shift), columns), max(min(columns, columns - shift), 0)
+                confidence[:low] = 0
+                confidence[high:] = 0
+                if low >= high:
+                    continue
+                there = slice(low + shift, high + shift)
+                _tap(value_b[row, there], colour_b[row, there], weight_b[row, there], rho[0, row, there],
+                     rho[1, row, there], value_a[t, low:high], colour_a[t, low:high], rho[0, t, low:high],
+                     rho[1, t, low:high], part * taps[lower, t, k], limit, total[low:high],
+                     confidence[low:high])  # fmt: skip
         for s in range(columns):
-            wanted = colour_a[t, s]
-            if wanted == 255:
-                continue
-            value, confidence = _read(value_b, colour_b, weight_b, rho, t + first, s + starts[0, t], taps[0, t],
-                                      wanted, limit, rho[0, t, s], rho[1, t, s], value_a[t, s])  # fmt: skip
-            if level == 2 and confidence > 0:
-                lower, also = _read(value_b, colour_b, weight_b, rho, t + first + 1, s + starts[1, t], taps[1, t],
-                                    wanted, limit, rho[0, t, s], rho[1, t, s], value_a[t, s])  # fmt: skip
-                value = (1 - share) * value + share * lower
-                confidence = min(confidence, also)
-            confidence = min(confidence, weight_a[t, s])
-            error[t, s] = confidence * value * value
-            support[t, s] = confidence
+            total[s] *= total[s] * confidence[s]

@@ -22,7 +22,7 @@ _PARTS = 6
 
 
 def patches(picture: FloatArray, offset: FloatArray, row_pitch: float) -> FloatArray:
-    """Patches (t, s, colour · 6): value, slopes to the right (per lens) and down (per row), both; those of the detail.
+    """Patches (colour, t, s, 6): value, slopes to the right (per lens) and down (per row), both; those of the detail.
 
     Parameters
     ----------
@@ -37,8 +37,7 @@ def patches(picture: FloatArray, offset: FloatArray, row_pitch: float) -> FloatA
     right, down = _slopes(picture, offset)
     both = CubicSpline(columns, down, axis=-1)(columns, 1)
     fine = [np.stack([one - _blurred(one, row_pitch) for one in slope]) for slope in (right, down)]
-    out = np.stack([picture, right, down, both, *fine], axis=-1).astype(np.float32)
-    return np.ascontiguousarray(np.moveaxis(out, 0, 2).reshape(*picture.shape[1:], -1))
+    return np.stack([picture, right, down, both, *fine], axis=-1).astype(np.float32)
 
 
 def _blurred(slope: FloatArray, row_pitch: float) -> FloatArray:
@@ -64,7 +63,7 @@ def _slopes(values: FloatArray, offset: FloatArray) -> tuple[FloatArray, FloatAr
 def _left(place, count):  # type: ignore[no-untyped-def]
     """First of the two samples around a place within the row, and how far behind it the place lies."""
     place = min(max(place, np.float32(0)), np.float32(count - 1))
-    left = min(int(place), count - 2)
+    left = min(np.uint32(place), np.uint32(count - 2))
     return left, place - np.float32(left)
 
 
@@ -80,20 +79,27 @@ def _hermite(value, slope, next_value, next_slope, f):  # type: ignore[no-untype
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
 def read_patch(patch, offset, x, y, c):  # type: ignore[no-untyped-def]
     """Picture of colour c at X = x, row y, and the slopes to the right (per lens) and down (per row) of its detail."""
-    rows, columns = patch.shape[:2]
+    rows, columns = patch.shape[1:3]
     upper, f = _left(y, rows)
-    value, down, g_x, g_y = _read_row(patch[upper], x - offset[upper], columns, c * _PARTS)
-    next_value, next_down, next_g_x, next_g_y = _read_row(patch[upper + 1], x - offset[upper + 1], columns, c * _PARTS)
+    lower = upper + np.uint32(1)
+    value, down, g_x, g_y = _read_row(patch, c, upper, x - offset[upper], columns)
+    next_value, next_down, next_g_x, next_g_y = _read_row(patch, c, lower, x - offset[lower], columns)
     return _hermite(value, down, next_value, next_down, f), g_x + f * (next_g_x - g_x), g_y + f * (next_g_y - g_y)
 
 
 @numba.njit(nogil=True, cache=True, inline="always")
-def _read_row(row, place, columns, first):  # type: ignore[no-untyped-def]
+def _read_row(patch, c, row, place, columns):  # type: ignore[no-untyped-def]
     """Value, slope down and slopes of the detail at a place of a row."""
-    left, f = _left(place, columns)
-    near, after = row[left, first : first + _PARTS], row[left + 1, first : first + _PARTS]
-    value = _hermite(near[_VALUE], near[_RIGHT], after[_VALUE], after[_RIGHT], f)
-    down = _hermite(near[_DOWN], near[_BOTH], after[_DOWN], after[_BOTH], f)
-    g_x = near[_FINE_RIGHT] + f * (after[_FINE_RIGHT] - near[_FINE_RIGHT])
-    g_y = near[_FINE_DOWN] + f * (after[_FINE_DOWN] - near[_FINE_DOWN])
-    return value, down, g_x, g_y
+    at, f = _left(place, columns)
+    to = at + np.uint32(1)
+    value = _hermite(patch[c, row, at, _VALUE], patch[c, row, at, _RIGHT], patch[c, row, to, _VALUE],
+                     patch[c, row, to, _RIGHT], f)  # fmt: skip
+    down = _hermite(patch[c, row, at, _DOWN], patch[c, row, at, _BOTH], patch[c, row, to, _DOWN],
+                    patch[c, row, to, _BOTH], f)  # fmt: skip
+    g_x, g_y = patch[c, row, at, _FINE_RIGHT], patch[c, row, at, _FINE_DOWN]
+    return (
+        value,
+        down,
+        g_x + f * (patch[c, row, to, _FINE_RIGHT] - g_x),
+        g_y + f * (patch[c, row, to, _FINE_DOWN] - g_y),
+    )

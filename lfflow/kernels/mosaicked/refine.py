@@ -8,6 +8,7 @@ that changes with the viewpoint is smooth, so that it has no part in Σ φ g r a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numba
@@ -53,6 +54,7 @@ def evidence(
     picture: FloatArray,
     disparity: FloatArray,
     *,
+    views: Sequence[tuple[int, int]],
     noise: float,
     limit: float = 4.5,
     alike: float = 4.0,
@@ -62,6 +64,8 @@ def evidence(
 
     Parameters
     ----------
+    views
+        Places (v, u) in the arrays of the views that are asked.
     noise
         Standard deviation of a sample, in units of the mosaic.
     limit
@@ -72,14 +76,14 @@ def evidence(
     rows, columns = disparity.shape
     start = np.ascontiguousarray(np.where(np.isfinite(disparity), disparity, 0), dtype=np.float32)
     patch = patches(picture, field.offset, field.row_pitch)
-    views = np.array([at for at in field.views() if field.u[at[1]] or field.v[at[0]]], dtype=np.int64).reshape(-1, 2)
+    asked = np.array(views, dtype=np.int64).reshape(-1, 2)
     samples = field.mosaic, field.cfa, field.weight
     axes = field.u.astype(np.float32), field.v.astype(np.float32)
     pitch, tolerance = np.float32(field.row_pitch), np.float32(limit * noise)
     sums = np.zeros((4, rows, columns), dtype=np.float32)
 
     def band(span: tuple[int, int]) -> None:
-        _sums(samples, views, axes, field.rho, field.offset, pitch, patch, start, tolerance, span, sums)
+        _sums(samples, asked, axes, field.rho, field.offset, pitch, patch, start, tolerance, span, sums)
 
     each(band, bands(rows), threads)
     brick = bool(field.offset.max() > 0)
@@ -101,7 +105,7 @@ def _sums(samples, views, axes, rho, offset, pitch, patch, disparity, limit, spa
     mosaics, colours, confidences = samples
     rows, columns = disparity.shape
     one = np.float32(1)
-    narrow = one / (limit * limit)
+    narrow, rows_per_lens = one / (limit * limit), one / pitch
     for n in range(views.shape[0]):
         j, i = views[n]
         mosaic, cfa, confidence = mosaics[j, i], colours[j, i], confidences[j, i]
@@ -112,7 +116,7 @@ def _sums(samples, views, axes, rho, offset, pitch, patch, disparity, limit, spa
                 row, column = shown_by(t, s, d, u, v, offset, pitch)
                 if row < 1 or row >= rows - 1 or column < 1 or column >= columns - 2 or cfa[row, column] > 2:
                     continue
-                a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) / pitch
+                a_x, a_y = u + rho[0, row, column], (v + rho[1, row, column]) * rows_per_lens
                 x, y = np.float32(column) + offset[row] + d * a_x, np.float32(row) + d * a_y
                 value, g_x, g_y = read_patch(patch, offset, x, y, cfa[row, column])
                 r = mosaic[row, column] - value

@@ -11,7 +11,7 @@ SHAPE = (40, 46)
 
 def told(slab, start, threads=1):
     picture, _ = complete_centre(slab, np.full(SHAPE, 0.3, "f4"), np.full(SHAPE, 0.01, "f4"))
-    return evidence(slab, picture, start, noise=0.01, threads=threads)
+    return evidence(slab, picture, start, views=slab.views(), noise=0.01, threads=threads)
 
 
 @pytest.mark.parametrize("off", [-0.03, 0.03])
