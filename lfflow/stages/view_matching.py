@@ -116,7 +116,7 @@ def _disparity(
     refined = refine(
         field,
         settle_edges(first.disparity, field.guide, rounds=3),
-        first.noise,
+        first.scale,
         largest,
         stiffness=settings.stiffness,
         rounds=settings.rounds,

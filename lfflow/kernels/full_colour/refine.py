@@ -18,8 +18,6 @@ from lfflow.kernels.threads import bands, each
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.intp]
 
-_LUMINANCE = np.float32(0.05)
-"""Weight of the luminance against the detail; gloss is ten to twenty times the noise."""
 _APART = np.float32(4)
 """Residual, in units of the noise, at which a view counts a quarter."""
 _REACH = np.float32(0.15)
@@ -82,14 +80,13 @@ class _Lines:
         return step.astype(np.float32), curvature, residual
 
 
-def _lines(field: ViewField, largest: float, threads: int) -> _Lines:
+def _lines(field: ViewField, scale: FloatArray, largest: float, threads: int) -> _Lines:
     margin = field.margin(largest)
     rows, columns = field.shape
     views = np.empty((len(field.u), rows + 2 * margin, columns + 2 * margin, 2), dtype=np.float32)
 
     def pad(q: int) -> None:
-        detail, luminance = field.layers[q]
-        both = cv2.merge([detail, _LUMINANCE * luminance])
+        both = np.moveaxis(field.layers[q] * scale[:, None, None], 0, -1)
         views[q] = cv2.copyMakeBorder(both, margin, margin, margin, margin, cv2.BORDER_REPLICATE)
 
     each(pad, range(len(field.u)), threads)
@@ -97,7 +94,14 @@ def _lines(field: ViewField, largest: float, threads: int) -> _Lines:
 
 
 def refine(
-    field: ViewField, start: FloatArray, noise: float, largest: float, *, stiffness: float, rounds: int, threads: int
+    field: ViewField,
+    start: FloatArray,
+    scale: FloatArray,
+    largest: float,
+    *,
+    stiffness: float,
+    rounds: int,
+    threads: int,
 ) -> Refined:
     """Surface through the disparities at which all views agree.
 
@@ -105,8 +109,8 @@ def refine(
     ----------
     start
         (t, s), right to less than half the finest texture over the largest view offset.
-    noise
-        Variance of the detail between views.
+    scale
+        (layer,) factors after which the layers differ between views by about 1.
     largest
         Largest |disparity|.
     stiffness
@@ -114,7 +118,8 @@ def refine(
     rounds
         Steps, at least one.
     """
-    lines = _lines(field, largest, threads)
+    lines = _lines(field, scale, largest, threads)
+    noise = 0.5
     disparity = np.asarray(start, dtype=np.float32)
     axes = square_axes(len(disparity))
     for left in reversed(range(rounds)):

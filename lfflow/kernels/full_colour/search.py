@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -9,31 +10,72 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.aggregate import accumulate, winner
-from lfflow.kernels.full_colour.cost import half_plane_volume, padded, sectors
+from lfflow.kernels.full_colour.cost import disagreement, padded, sectors
 from lfflow.kernels.full_colour.cost_filter import CostFilter
 from lfflow.kernels.full_colour.field import ViewField
 from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
 
 _SPLINE = np.array([1 / 6, 2 / 3, 1 / 6], dtype=np.float32)
-_BEND = np.float32(4)
-"""A cost is half of its bound at this many times the variance that remains at the right disparity."""
-_GLOSS = np.float32(2 / 255)
+_GLOSS = 1 / 255
 """Luminance difference of a place between views that may be gloss."""
-_SHARE = np.float32(0.3)
+_SHARE = 0.3
 """Weight of the luminance against the detail: it sees edges that are too strong to be detail."""
+_SAMPLED, _EVERY = 4, 32
+"""Rows of each band that the noise is measured on."""
+_OPEN = 1e6
+"""Tolerance at which nothing is bounded."""
 _EDGE = 0.05
 _FLAT = 1e-5
 """Variance of the luminance below which nothing is an edge."""
 
 
 class Found(NamedTuple):
-    """Disparity (t, s), whether (t, s) its cost tells it from others, and the variance of the detail there."""
+    """Disparity (t, s), whether (t, s) its cost tells it from others, and the scale of each layer.
+
+    A layer times its scale differs between views by about 1 at the right disparity.
+    """
 
     disparity: FloatArray
     sure: npt.NDArray[np.bool_]
-    noise: float
+    scale: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Matching:
+    """Views around the centre, ready to be compared with it."""
+
+    views: FloatArray
+    centre: FloatArray
+    u: IntArray
+    v: IntArray
+    margin: int
+
+    def volume(
+        self, hypotheses: FloatArray, spans: list[tuple[int, int]], tolerance: float, threads: int
+    ) -> FloatArray:
+        """Cost (hypothesis, t, s) of the rows of the spans; the others are not written."""
+        out = np.empty((len(hypotheses), *self.centre.shape[1:]), dtype=np.float32)
+        sector = sectors(self.u, self.v)
+
+        def fill(span: tuple[int, int]) -> None:
+            disagreement(self.views, self.centre, self.u, self.v, sector, self.margin, hypotheses, span,
+                         np.float32(tolerance), out)  # fmt: skip
+
+        each(fill, spans, threads)
+        return out
+
+
+def _matching(field: ViewField, layers: FloatArray, largest: float) -> _Matching:
+    """Matching of `layers` (view, layer, t, s) of a field."""
+    margin = field.margin(largest)
+    others = np.arange(len(field.u)) != field.centre
+    centre = np.stack([cv2.sepFilter2D(layer, -1, _SPLINE, _SPLINE) for layer in layers[field.centre]]).astype(
+        np.float32
+    )
+    return _Matching(padded(layers[others], margin), centre, field.u[others], field.v[others], margin)
 
 
 def search(field: ViewField, hypotheses: FloatArray, small: float, large: float, threads: int) -> Found:
@@ -46,39 +88,27 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
     small, large
         Penalties of the aggregation, `lfflow.kernels.aggregate.regularise`.
     """
-    detail, noise = _boxed(field, 0, hypotheses, threads)
-    luminance, rest = _boxed(field, 1, hypotheses, threads)
-    bound = max(_BEND * np.float32(rest), _GLOSS * _GLOSS)
+    largest = float(np.abs(hypotheses).max())
+    detail, luminance = (_noise(field, layer, hypotheses, threads) for layer in (0, 1))
+    scale = np.sqrt(np.array([1 / detail, _SHARE / max(luminance, _GLOSS**2)], dtype=np.float32))
+    matching = _matching(field, field.layers * scale[:, None, None], largest)
+    cost = matching.volume(hypotheses, bands(field.shape[0]), 1.0, threads)
+    along_edges = CostFilter(field.layers[field.centre, 1], max(_FLAT, detail))
 
-    along_edges = CostFilter(field.layers[field.centre, 1], max(_FLAT, noise))
+    def smooth(h: int) -> None:
+        cost[h] = along_edges(cost[h])
 
-    def bounded(h: int) -> None:
-        detail[h] /= detail[h] + _BEND * np.float32(noise)
-        detail[h] += _SHARE * luminance[h] / (luminance[h] + bound)
-        detail[h] = along_edges(detail[h])
-
-    each(bounded, range(len(hypotheses)), threads)
-    total, unit = accumulate(detail, field.guide, small=small, large=large, edge=_EDGE)
-    sure = detail.mean(axis=0) - detail.min(axis=0) > 0.5 * unit
-    return Found(np.nan_to_num(winner(total, hypotheses)), sure, noise)
+    each(smooth, range(len(hypotheses)), threads)
+    total, unit = accumulate(cost, field.guide, small=small, large=large, edge=_EDGE)
+    sure = cost.mean(axis=0) - cost.min(axis=0) > 0.5 * unit
+    return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale)
 
 
-def _boxed(field: ViewField, layer: int, hypotheses: FloatArray, threads: int) -> tuple[FloatArray, float]:
-    """Variance (hypothesis, t, s) of a layer over 3 × 3 places, and its median at the best hypothesis."""
-    margin = field.margin(float(np.abs(hypotheses).max()))
-    others = np.arange(len(field.u)) != field.centre
-    u, v = field.u[others], field.v[others]
-    views = padded(field.layers[others, layer, ..., None], margin)
-    centre = cv2.sepFilter2D(field.layers[field.centre, layer], -1, _SPLINE, _SPLINE)[None].astype(np.float32)
-    volume = np.empty((len(hypotheses), *field.shape), dtype=np.float32)
-    sector = sectors(u, v)
-
-    def band(span: tuple[int, int]) -> None:
-        half_plane_volume(views, centre, u, v, sector, margin, hypotheses, span, volume)
-
-    def box(h: int) -> None:
-        volume[h] = cv2.blur(volume[h], (3, 3))
-
-    each(band, bands(field.shape[0]), threads)
-    each(box, range(len(hypotheses)), threads)
-    return volume, max(float(np.median(np.maximum(volume.min(axis=0), 0))), 1e-9)
+def _noise(field: ViewField, layer: int, hypotheses: FloatArray, threads: int) -> float:
+    """Median squared difference of a layer to the centre at the best hypothesis, on a sample of the rows."""
+    rows = field.shape[0]
+    spans = [(first, min(first + _SAMPLED, rows)) for first in range(min(_EVERY, rows) // 2, rows, _EVERY)]
+    matching = _matching(field, field.layers[:, layer : layer + 1], float(np.abs(hypotheses).max()))
+    cost = matching.volume(hypotheses, spans, _OPEN, threads)
+    best = np.concatenate([cost[:, first:last].min(axis=0).ravel() for first, last in spans])
+    return max(_OPEN * float(np.median(best)), 1e-9)
