@@ -108,10 +108,9 @@ def _disparity(
     threads: int = 1,
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.uint8]]:
     field = view_field(np.asarray(rgb, dtype=np.float32), np.asarray(u), np.asarray(v), threads)
-    cross = field.cross()
-    low, high = disparity_range or _range(cross, settings, threads)
+    low, high = disparity_range or _range(field, settings, threads)
     hypotheses = np.arange(low, high + settings.step, settings.step).astype(np.float32)
-    first = search(cross, hypotheses, settings.small, settings.large, threads)
+    first = search(field, hypotheses, settings.small, settings.large, threads)
     largest = max(abs(low), abs(high))
     refined = refine(
         field,
@@ -126,9 +125,9 @@ def _disparity(
     return refined.disparity, std, _flags(first, refined)
 
 
-def _range(cross: ViewField, settings: Settings, threads: int) -> tuple[float, float]:
+def _range(field: ViewField, settings: Settings, threads: int) -> tuple[float, float]:
     """Range of the disparities, from the views at half the size, where they are half as large."""
-    small = cross.halved()
+    small = field.cross().halved()
     hypotheses = np.arange(-settings.widest / 2, settings.widest / 2 + 0.05, 0.1).astype(np.float32)
     found = search(small, hypotheses, settings.small, settings.large, threads)
     values = found.disparity[found.sure] if found.sure.any() else found.disparity.ravel()

@@ -50,6 +50,11 @@ class ViewField:
         chosen = (self.u == 0) | (self.v == 0)
         return self if chosen.sum() < 5 else ViewField(self.layers[chosen], self.u[chosen], self.v[chosen], self.guide)
 
+    def star(self) -> ViewField:
+        """The views of the central row and column and of both diagonals."""
+        chosen = (self.u == 0) | (self.v == 0) | (np.abs(self.u) == np.abs(self.v))
+        return ViewField(self.layers[chosen], self.u[chosen], self.v[chosen], self.guide)
+
     def halved(self) -> ViewField:
         """Half the size, so half the disparity."""
         rows, columns = (max(length // 2, 1) for length in self.shape)

@@ -23,8 +23,10 @@ _APART = np.float32(4)
 _REACH = np.float32(0.15)
 """Longest step; beyond it the views are not linear in the disparity."""
 _HIDES = np.float32(0.1)
-_JUMP, _EDGE = 0.08, 0.05
+_JUMP, _EDGE = 0.03, 0.015
 """Second difference, and change of the picture, at which the surface may break."""
+_DOUBT = 9
+"""Squared standard deviations of what a neighbourhood tells that are no break."""
 
 
 class Refined(NamedTuple):
@@ -128,6 +130,8 @@ def refine(
         noise = max(float(np.median(residual)), 1e-9)
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step
-        disparity = fit_surface(own, information * np.float32(0.5), disparity, field.guide, axes, stiffness=stiffness,
-                                jump=_JUMP, edge=_EDGE, rounds=2)  # fmt: skip
+        told = information * np.float32(0.5)
+        jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * cv2.blur(told, (5, 5)) + 1)).astype(np.float32)
+        disparity = fit_surface(own, told, disparity, field.guide, axes, stiffness=stiffness, jump=jump, edge=_EDGE,
+                                rounds=2)  # fmt: skip
     return Refined(disparity, own, information, residual, noise)

@@ -30,6 +30,9 @@ _OPEN = 1e6
 _EDGE = 0.05
 _FLAT = 1e-5
 """Variance of the luminance below which nothing is an edge."""
+_NOISY, _MUCH, _MOST = 0.2, 0.4, 0.8
+"""Noise, in units of the texture, from which on the diagonals are matched too; that doubles the penalty of a jump; and
+the most that is made of it."""
 
 
 class Found(NamedTuple):
@@ -79,7 +82,9 @@ def _matching(field: ViewField, layers: FloatArray, largest: float) -> _Matching
 
 
 def search(field: ViewField, hypotheses: FloatArray, small: float, large: float, threads: int) -> Found:
-    """Disparity of the cheapest smooth surface.
+    """Disparity of the cheapest smooth surface through the costs of the central row and column of views.
+
+    The more noise, the less a cost says of jumps, and the more they cost.
 
     Parameters
     ----------
@@ -89,9 +94,12 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
         Penalties of the aggregation, `lfflow.kernels.aggregate.regularise`.
     """
     largest = float(np.abs(hypotheses).max())
-    detail, luminance = (_noise(field, layer, hypotheses, threads) for layer in (0, 1))
+    cross = field.cross()
+    detail, luminance = (_noise(cross, layer, hypotheses, threads) for layer in (0, 1))
     scale = np.sqrt(np.array([1 / detail, _SHARE / max(luminance, _GLOSS**2)], dtype=np.float32))
-    matching = _matching(field, field.layers * scale[:, None, None], largest)
+    noisy = min(detail / _texture(field), _MOST)
+    chosen = field.star() if noisy > _NOISY else cross
+    matching = _matching(chosen, chosen.layers * scale[:, None, None], largest)
     cost = matching.volume(hypotheses, bands(field.shape[0]), 1.0, threads)
     along_edges = CostFilter(field.layers[field.centre, 1], max(_FLAT, detail))
 
@@ -99,9 +107,15 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
         cost[h] = along_edges(cost[h])
 
     each(smooth, range(len(hypotheses)), threads)
-    total, unit = accumulate(cost, field.guide, small=small, large=large, edge=_EDGE)
+    total, unit = accumulate(cost, field.guide, small=small, large=large * (1 + (noisy / _MUCH) ** 2), edge=_EDGE)
     sure = cost.mean(axis=0) - cost.min(axis=0) > 0.5 * unit
     return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale)
+
+
+def _texture(field: ViewField) -> float:
+    """Variance of the detail of the central view, from its median square: edges are few."""
+    detail = cv2.sepFilter2D(field.layers[field.centre, 0], -1, _SPLINE, _SPLINE)
+    return max(float(np.median(detail * detail)) / 0.455, 1e-9)
 
 
 def _noise(field: ViewField, layer: int, hypotheses: FloatArray, threads: int) -> float:
