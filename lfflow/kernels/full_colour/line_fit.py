@@ -14,110 +14,151 @@ import numpy as np
 from lfflow.kernels.full_colour.spline import slopes, weights
 
 _FLAGS = {"nsz", "contract", "reassoc", "arcp"}
+_NOTHING = np.float32(1e-9)
+"""Sum of the weights where there are none."""
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _read(layers, y, x, value, by_y, by_x):  # type: ignore[no-untyped-def]
-    """Value of each layer (t, s, layer) at (y, x), and its derivatives."""
-    top, left = int(np.floor(y)), int(np.floor(x))
-    a, b = weights(y - top), weights(x - left)
-    da, db = slopes(y - top), slopes(x - left)
-    for c in range(layers.shape[2]):
-        total, down, right = np.float32(0), np.float32(0), np.float32(0)
+def _locate(disparity, t, u, v, margin, height, width, base, along_y, along_x, down, right):  # type: ignore[no-untyped-def]
+    """Index of the first sample (s,) of a row of places in a view, and the weights (4, s) and slopes of the spline."""
+    bottom, end = np.float32(height - 3), np.float32(width - 3)
+    for s in range(disparity.shape[1]):
+        y = min(max(np.float32(t + margin) - disparity[t, s] * v, np.float32(1)), bottom)
+        x = min(max(np.float32(s + margin) - disparity[t, s] * u, np.float32(1)), end)
+        top, left = int(y), int(x)
+        base[s] = (top - 1) * width + left - 1
+        along_y[0, s], along_y[1, s], along_y[2, s], along_y[3, s] = weights(y - top)
+        along_x[0, s], along_x[1, s], along_x[2, s], along_x[3, s] = weights(x - left)
+        down[0, s], down[1, s], down[2, s], down[3, s] = slopes(y - top)
+        right[0, s], right[1, s], right[2, s], right[3, s] = slopes(x - left)
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _read(samples, width, base, along_y, along_x, out):  # type: ignore[no-untyped-def]
+    """Spline (s,) of a layer (flat) at the places of `_locate`."""
+    for s in range(out.shape[0]):
+        total = np.float32(0)
         for k in range(4):
-            row = layers[top - 1 + k]
-            p, q, r, z = row[left - 1, c], row[left, c], row[left + 1, c], row[left + 2, c]
-            along = b[0] * p + b[1] * q + b[2] * r + b[3] * z
-            total += a[k] * along
-            down += da[k] * along
-            right += a[k] * (db[0] * p + db[1] * q + db[2] * r + db[3] * z)
-        value[c], by_y[c], by_x[c] = total, down, right
+            first = base[s] + np.uintp(k * width)
+            total += along_y[k, s] * (
+                along_x[0, s] * samples[first]
+                + along_x[1, s] * samples[first + np.uintp(1)]
+                + along_x[2, s] * samples[first + np.uintp(2)]
+                + along_x[3, s] * samples[first + np.uintp(3)]
+            )
+        out[s] = total
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _agree(value, weight, mean, count, tolerance):  # type: ignore[no-untyped-def]
-    """Weights of the views by their distance to the mean, which follows them; returns their sum."""
-    total = np.float32(0)
-    for q in range(count):
-        apart = np.float32(0)
-        for c in range(mean.shape[0]):
-            apart += (value[q, c] - mean[c]) ** 2
-        trust = np.float32(1) / (np.float32(1) + apart / tolerance)
-        weight[q] = trust * trust
-        total += weight[q]
-    mean[:] = 0
-    for q in range(count):
-        for c in range(mean.shape[0]):
-            mean[c] += weight[q] * value[q, c] / total
-    return total
+def _add(values, share, out):  # type: ignore[no-untyped-def]
+    for s in range(out.shape[0]):
+        out[s] += share[s] * values[s]
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _sums(value, by_y, by_x, u, v, weight, count, tolerance):  # type: ignore[no-untyped-def]
-    """Curvature, slope and mean squared residual of `count` views (view, layer), those that disagree left out."""
-    layers = value.shape[1]
-    mean = np.zeros(layers, dtype=np.float32)
-    for q in range(count):
+def _gather(views, there, disparity, t, u, v, graded, margin, value, by_y, by_x):  # type: ignore[no-untyped-def]
+    """Values (view, layer, s) of a row of places, and the derivatives (layer, s) of their mean."""
+    layers, height, width = views.shape[1:]
+    columns = disparity.shape[1]
+    base = np.empty(columns, dtype=np.uintp)
+    along_y, along_x = np.empty((4, columns), dtype=np.float32), np.empty((4, columns), dtype=np.float32)
+    down, right, one = np.empty_like(along_y), np.empty_like(along_y), np.empty(columns, dtype=np.float32)
+    number = np.full(columns, _NOTHING, dtype=np.float32)
+    by_y[:], by_x[:] = 0, 0
+    for q in range(views.shape[0]):
+        _locate(disparity, t, u[q], v[q], margin, height, width, base, along_y, along_x, down, right)
         for c in range(layers):
-            mean[c] += value[q, c] / np.float32(count)
-    total = np.float32(0)
-    for _ in range(2):
-        total = _agree(value, weight, mean, count, tolerance)
-    middle_u, middle_v = np.float32(0), np.float32(0)
-    for q in range(count):
-        middle_u += weight[q] * u[q] / total
-        middle_v += weight[q] * v[q] / total
-    curvature, slope, square = np.float32(0), np.float32(0), np.float32(0)
-    for c in range(layers):
-        down, right = np.float32(0), np.float32(0)
-        for q in range(count):
-            down += weight[q] * by_y[q, c] / total
-            right += weight[q] * by_x[q, c] / total
-        for q in range(count):
-            residual = value[q, c] - mean[c]
-            way = -(u[q] - middle_u) * right - (v[q] - middle_v) * down
-            curvature += weight[q] * way * way
-            slope -= weight[q] * way * residual
-            square += weight[q] * residual * residual
-    return curvature, slope, square / total
+            samples = views[q, c].ravel()
+            _read(samples, width, base, along_y, along_x, value[q, c])
+            if graded[q]:
+                _read(samples, width, base, down, along_x, one)
+                _add(one, there[q], by_y[c])
+                _read(samples, width, base, along_y, right, one)
+                _add(one, there[q], by_x[c])
+        if graded[q]:
+            number += there[q]
+    by_y /= number
+    by_x /= number
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def normal_equations(views, seen, disparity, u, v, rows, margin, tolerance, out):  # type: ignore[no-untyped-def]
+def _average(value, weight, mean, total):  # type: ignore[no-untyped-def]
+    """Weighted mean (layer, s) of the views, and the sum of their weights (s,)."""
+    total[:], mean[:] = _NOTHING, 0
+    for q in range(value.shape[0]):
+        total += weight[q]
+        for c in range(value.shape[1]):
+            _add(value[q, c], weight[q], mean[c])
+    mean /= total
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _trust(value, there, mean, tolerance, apart, weight):  # type: ignore[no-untyped-def]
+    """Weights (view, s) by the distance to the mean."""
+    views, layers, columns = value.shape
+    for q in range(views):
+        apart[:] = 0
+        for c in range(layers):
+            for s in range(columns):
+                apart[s] += (value[q, c, s] - mean[c, s]) ** 2
+        for s in range(columns):
+            trust = tolerance / (tolerance + apart[s])
+            weight[q, s] = there[q, s] * trust * trust
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _sums(value, by_y, by_x, u, v, weight, total, mean, out):  # type: ignore[no-untyped-def]
+    """Add curvature, slope and mean squared residual (3, s) of the layers (view, layer, s)."""
+    views, layers, columns = value.shape
+    middle_u, middle_v = np.zeros(columns, dtype=np.float32), np.zeros(columns, dtype=np.float32)
+    for q in range(views):
+        for s in range(columns):
+            middle_u[s] += weight[q, s] * u[q] / total[s]
+            middle_v[s] += weight[q, s] * v[q] / total[s]
+    for c in range(layers):
+        for q in range(views):
+            for s in range(columns):
+                residual = value[q, c, s] - mean[c, s]
+                way = (middle_u[s] - u[q]) * by_x[c, s] + (middle_v[s] - v[q]) * by_y[c, s]
+                out[0, s] += weight[q, s] * way * way
+                out[1, s] -= weight[q, s] * way * residual
+                out[2, s] += weight[q, s] * residual * residual / total[s]
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def normal_equations(views, seen, disparity, u, v, graded, rows, margin, tolerance, out):  # type: ignore[no-untyped-def]
     """Fill `out` (3, t, s) with curvature, slope and mean squared residual for the rows first..last − 1.
 
     Parameters
     ----------
     views
-        (view, t, s, layer) padded by `margin`, the central view among them.
+        (view, layer, t, s) padded by `margin`, the central view among them.
     seen
         (view, t, s) bool.
     disparity
         (t, s); places that a shift moves out of the padding are read at its border.
     u, v
         (view,) float32 offsets.
+    graded
+        (view,) bool, whether a view counts for the derivatives of the mean; the central one should.
     rows
         (first, last).
     tolerance
         Squared residual, summed over the layers, at which a view counts a quarter.
     """
-    count, layers = views.shape[0], views.shape[3]
-    height, width = disparity.shape
-    value = np.empty((count, layers), dtype=np.float32)
-    by_y, by_x = np.empty_like(value), np.empty_like(value)
-    weight, its_u, its_v = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
-    lowest, bottom, right = np.float32(1), np.float32(height + 2 * margin - 3), np.float32(width + 2 * margin - 3)
+    count, layers = views.shape[:2]
+    columns = disparity.shape[1]
+    value = np.empty((count, layers, columns), dtype=np.float32)
+    weight, there = np.empty((count, columns), dtype=np.float32), np.empty((count, columns), dtype=np.float32)
+    mean, by_y = np.empty((layers, columns), dtype=np.float32), np.empty((layers, columns), dtype=np.float32)
+    by_x, total, apart = np.empty_like(mean), np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
     for t in range(rows[0], rows[1]):
-        for s in range(width):
-            d = disparity[t, s]
-            used = 0
-            for q in range(count):
-                if seen[q, t, s]:
-                    y = min(max(np.float32(t + margin) - d * v[q], lowest), bottom)
-                    x = min(max(np.float32(s + margin) - d * u[q], lowest), right)
-                    _read(views[q], y, x, value[used], by_y[used], by_x[used])
-                    its_u[used], its_v[used] = u[q], v[q]
-                    used += 1
-            out[:, t, s] = (0, 0, 0)
-            if used > 1:
-                out[:, t, s] = _sums(value, by_y, by_x, its_u, its_v, weight, used, tolerance)
+        there[:] = seen[:, t]
+        _gather(views, there, disparity, t, u, v, graded, margin, value, by_y, by_x)
+        weight[:] = there
+        for _ in range(2):
+            _average(value, weight, mean, total)
+            _trust(value, there, mean, tolerance, apart, weight)
+        _average(value, weight, mean, total)
+        out[:, t] = 0
+        _sums(value, by_y, by_x, u, v, weight, total, mean, out[:, t])

@@ -51,7 +51,7 @@ class Refined(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Padded views (view, t, s, layer), so that a line of disparity up to the largest stays inside."""
+    """Padded views (view, layer, t, s), so that a line of disparity up to the largest stays inside."""
 
     views: FloatArray
     u: FloatArray
@@ -65,17 +65,19 @@ class _Lines:
 
     def fit(self, disparity: FloatArray, noise: float, views: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Step, curvature and mean squared residual (t, s) at the present disparity, by some of the views."""
-        seen = np.zeros((len(self.u), *disparity.shape), dtype=np.bool_)
+        chosen, u, v = self.views[views], self.u[views], self.v[views]
+        graded = (u % 2 == 0) & (v % 2 == 0)
+        seen = np.empty((len(views), *disparity.shape), dtype=np.bool_)
         sums = np.empty((3, *disparity.shape), dtype=np.float32)
         tolerance = _APART * np.float32(noise)
 
         def look(q: int) -> None:
-            seen[q] = seen_by(disparity, self.u[q], self.v[q], _HIDES)
+            seen[q] = seen_by(disparity, u[q], v[q], _HIDES)
 
         def band(span: tuple[int, int]) -> None:
-            normal_equations(self.views, seen, disparity, self.u, self.v, span, self.margin, tolerance, sums)
+            normal_equations(chosen, seen, disparity, u, v, graded, span, self.margin, tolerance, sums)
 
-        each(look, views, self.threads)
+        each(look, range(len(views)), self.threads)
         each(band, bands(disparity.shape[0]), self.threads)
         curvature, slope, residual = sums
         step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
@@ -85,11 +87,11 @@ class _Lines:
 def _lines(field: ViewField, scale: FloatArray, largest: float, threads: int) -> _Lines:
     margin = field.margin(largest)
     rows, columns = field.shape
-    views = np.empty((len(field.u), rows + 2 * margin, columns + 2 * margin, 2), dtype=np.float32)
+    views = np.empty((len(field.u), len(scale), rows + 2 * margin, columns + 2 * margin), dtype=np.float32)
 
     def pad(q: int) -> None:
-        both = np.moveaxis(field.layers[q] * scale[:, None, None], 0, -1)
-        views[q] = cv2.copyMakeBorder(both, margin, margin, margin, margin, cv2.BORDER_REPLICATE)
+        for c, layer in enumerate(field.layers[q]):
+            views[q, c] = cv2.copyMakeBorder(layer * scale[c], margin, margin, margin, margin, cv2.BORDER_REPLICATE)
 
     each(pad, range(len(field.u)), threads)
     return _Lines(views, field.u.astype(np.float32), field.v.astype(np.float32), margin, threads)
