@@ -17,9 +17,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from lfflow.kernels.full_colour.field import ViewField, view_field
+from lfflow.kernels.full_colour.lines import lines_of
 from lfflow.kernels.full_colour.refine import Refined, refine
 from lfflow.kernels.full_colour.search import Found, search
 from lfflow.kernels.full_colour.settle import settle_edges
+from lfflow.kernels.full_colour.sides import choose_sides
 from lfflow.schema import DISPARITY
 from lfflow.schema.declarations import DISPARITY_FLAGS
 
@@ -111,16 +113,9 @@ def _disparity(
     low, high = disparity_range or _range(field, settings, threads)
     hypotheses = np.arange(low, high + settings.step, settings.step).astype(np.float32)
     first = search(field, hypotheses, settings.small, settings.large, threads)
-    largest = max(abs(low), abs(high))
-    refined = refine(
-        field,
-        settle_edges(first.disparity, field.guide, rounds=3),
-        first.scale,
-        largest,
-        stiffness=settings.stiffness,
-        rounds=settings.rounds,
-        threads=threads,
-    )
+    lines = lines_of(field, first.scale, max(abs(low), abs(high)), threads)
+    sided = settle_edges(choose_sides(lines, field, first.disparity, first.edge), field.guide, rounds=3)
+    refined = refine(lines, field.guide, sided, stiffness=settings.stiffness, rounds=settings.rounds)
     std = _deviation(refined, high - low)
     return refined.disparity, std, _flags(first, refined)
 

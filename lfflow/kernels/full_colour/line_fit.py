@@ -11,42 +11,11 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from lfflow.kernels.full_colour.spline import slopes, weights
+from lfflow.kernels.full_colour.reading import locate, read
 
 _FLAGS = {"nsz", "contract", "reassoc", "arcp"}
 _NOTHING = np.float32(1e-9)
 """Sum of the weights where there are none."""
-
-
-@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _locate(disparity, t, u, v, margin, height, width, base, along_y, along_x, down, right):  # type: ignore[no-untyped-def]
-    """Index of the first sample (s,) of a row of places in a view, and the weights (4, s) and slopes of the spline."""
-    bottom, end = np.float32(height - 3), np.float32(width - 3)
-    for s in range(disparity.shape[1]):
-        y = min(max(np.float32(t + margin) - disparity[t, s] * v, np.float32(1)), bottom)
-        x = min(max(np.float32(s + margin) - disparity[t, s] * u, np.float32(1)), end)
-        top, left = int(y), int(x)
-        base[s] = (top - 1) * width + left - 1
-        along_y[0, s], along_y[1, s], along_y[2, s], along_y[3, s] = weights(y - top)
-        along_x[0, s], along_x[1, s], along_x[2, s], along_x[3, s] = weights(x - left)
-        down[0, s], down[1, s], down[2, s], down[3, s] = slopes(y - top)
-        right[0, s], right[1, s], right[2, s], right[3, s] = slopes(x - left)
-
-
-@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _read(samples, width, base, along_y, along_x, out):  # type: ignore[no-untyped-def]
-    """Spline (s,) of a layer (flat) at the places of `_locate`."""
-    for s in range(out.shape[0]):
-        total = np.float32(0)
-        for k in range(4):
-            first = base[s] + np.uintp(k * width)
-            total += along_y[k, s] * (
-                along_x[0, s] * samples[first]
-                + along_x[1, s] * samples[first + np.uintp(1)]
-                + along_x[2, s] * samples[first + np.uintp(2)]
-                + along_x[3, s] * samples[first + np.uintp(3)]
-            )
-        out[s] = total
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
@@ -58,22 +27,20 @@ def _add(values, share, out):  # type: ignore[no-untyped-def]
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
 def _gather(views, there, disparity, t, u, v, graded, margin, value, by_y, by_x):  # type: ignore[no-untyped-def]
     """Values (view, layer, s) of a row of places, and the derivatives (layer, s) of their mean."""
-    layers, height, width = views.shape[1:]
+    layers, shape = views.shape[1], views.shape[2:]
     columns = disparity.shape[1]
-    base = np.empty(columns, dtype=np.uintp)
-    along_y, along_x = np.empty((4, columns), dtype=np.float32), np.empty((4, columns), dtype=np.float32)
-    down, right, one = np.empty_like(along_y), np.empty_like(along_y), np.empty(columns, dtype=np.float32)
-    number = np.full(columns, _NOTHING, dtype=np.float32)
+    places, base = np.arange(columns), np.empty(columns, dtype=np.uintp)
+    along, change = np.empty((2, 4, columns), dtype=np.float32), np.empty((2, 4, columns), dtype=np.float32)
+    one, number = np.empty(columns, dtype=np.float32), np.full(columns, _NOTHING, dtype=np.float32)
     by_y[:], by_x[:] = 0, 0
     for q in range(views.shape[0]):
-        _locate(disparity, t, u[q], v[q], margin, height, width, base, along_y, along_x, down, right)
+        locate(disparity[t], places, t, u[q], v[q], margin, shape, base, along, change)
         for c in range(layers):
-            samples = views[q, c].ravel()
-            _read(samples, width, base, along_y, along_x, value[q, c])
+            read(views[q, c], base, along[0], along[1], value[q, c])
             if graded[q]:
-                _read(samples, width, base, down, along_x, one)
+                read(views[q, c], base, change[0], along[1], one)
                 _add(one, there[q], by_y[c])
-                _read(samples, width, base, along_y, right, one)
+                read(views[q, c], base, along[0], change[1], one)
                 _add(one, there[q], by_x[c])
         if graded[q]:
             number += there[q]

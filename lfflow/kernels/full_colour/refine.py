@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lfflow.kernels.full_colour.field import ViewField
 from lfflow.kernels.full_colour.line_fit import normal_equations
+from lfflow.kernels.full_colour.lines import Lines
 from lfflow.kernels.full_colour.visibility import seen_by
 from lfflow.kernels.surface import fit_surface, square_axes
 from lfflow.kernels.threads import bands, each
@@ -49,91 +48,59 @@ class Refined(NamedTuple):
     noise: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Lines:
-    """Padded views (view, layer, t, s), so that a line of disparity up to the largest stays inside."""
+def _fit(
+    lines: Lines, disparity: FloatArray, noise: float, views: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Step, curvature and mean squared residual (t, s) at the present disparity, by some of the views."""
+    chosen, u, v = lines.views[views], lines.u[views], lines.v[views]
+    graded = (u % 2 == 0) & (v % 2 == 0)
+    seen = np.empty((len(views), *disparity.shape), dtype=np.bool_)
+    sums = np.empty((3, *disparity.shape), dtype=np.float32)
+    tolerance = _APART * np.float32(noise)
 
-    views: FloatArray
-    u: FloatArray
-    v: FloatArray
-    margin: int
-    threads: int
+    def look(q: int) -> None:
+        seen[q] = seen_by(disparity, u[q], v[q], _HIDES)
 
-    def thinned(self) -> IntArray:
-        """Every other view, as on a chessboard: near enough for a step that another follows."""
-        return np.flatnonzero((self.u + self.v) % 2 == 0)
+    def band(span: tuple[int, int]) -> None:
+        normal_equations(chosen, seen, disparity, u, v, graded, span, lines.margin, tolerance, sums)
 
-    def fit(self, disparity: FloatArray, noise: float, views: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Step, curvature and mean squared residual (t, s) at the present disparity, by some of the views."""
-        chosen, u, v = self.views[views], self.u[views], self.v[views]
-        graded = (u % 2 == 0) & (v % 2 == 0)
-        seen = np.empty((len(views), *disparity.shape), dtype=np.bool_)
-        sums = np.empty((3, *disparity.shape), dtype=np.float32)
-        tolerance = _APART * np.float32(noise)
-
-        def look(q: int) -> None:
-            seen[q] = seen_by(disparity, u[q], v[q], _HIDES)
-
-        def band(span: tuple[int, int]) -> None:
-            normal_equations(chosen, seen, disparity, u, v, graded, span, self.margin, tolerance, sums)
-
-        each(look, range(len(views)), self.threads)
-        each(band, bands(disparity.shape[0]), self.threads)
-        curvature, slope, residual = sums
-        step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
-        return step.astype(np.float32), curvature, residual
+    each(look, range(len(views)), lines.threads)
+    each(band, bands(disparity.shape[0]), lines.threads)
+    curvature, slope, residual = sums
+    step = np.clip(slope / np.maximum(curvature, np.float32(1e-12)), -_REACH, _REACH)
+    return step.astype(np.float32), curvature, residual
 
 
-def _lines(field: ViewField, scale: FloatArray, largest: float, threads: int) -> _Lines:
-    margin = field.margin(largest)
-    rows, columns = field.shape
-    views = np.empty((len(field.u), len(scale), rows + 2 * margin, columns + 2 * margin), dtype=np.float32)
-
-    def pad(q: int) -> None:
-        for c, layer in enumerate(field.layers[q]):
-            views[q, c] = cv2.copyMakeBorder(layer * scale[c], margin, margin, margin, margin, cv2.BORDER_REPLICATE)
-
-    each(pad, range(len(field.u)), threads)
-    return _Lines(views, field.u.astype(np.float32), field.v.astype(np.float32), margin, threads)
+def _thinned(lines: Lines) -> IntArray:
+    """Every other view, as on a chessboard: near enough for a step that another follows."""
+    return np.flatnonzero((lines.u + lines.v) % 2 == 0)
 
 
-def refine(
-    field: ViewField,
-    start: FloatArray,
-    scale: FloatArray,
-    largest: float,
-    *,
-    stiffness: float,
-    rounds: int,
-    threads: int,
-) -> Refined:
+def refine(lines: Lines, guide: FloatArray, start: FloatArray, *, stiffness: float, rounds: int) -> Refined:
     """Surface through the disparities at which all views agree.
 
     Parameters
     ----------
+    guide
+        (t, s, channel) picture of the central view.
     start
         (t, s), right to less than half the finest texture over the largest view offset.
-    scale
-        (layer,) factors after which the layers differ between views by about 1.
-    largest
-        Largest |disparity|.
     stiffness
         `lfflow.kernels.surface.fit_surface`.
     rounds
         Steps, at least one.
     """
-    lines = _lines(field, scale, largest, threads)
     noise = 0.5
     disparity = np.asarray(start, dtype=np.float32)
     axes = square_axes(len(disparity))
     for left in reversed(range(rounds)):
-        views = np.arange(len(field.u)) if left == 0 else lines.thinned()
-        step, curvature, residual = lines.fit(disparity, noise, views)
+        views = np.arange(len(lines.u)) if left == 0 else _thinned(lines)
+        step, curvature, residual = _fit(lines, disparity, noise, views)
         noise = max(float(np.median(residual)), 1e-9)
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step
         told = information * np.float32(0.5)
         jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * cv2.blur(told, (5, 5)) + 1)).astype(np.float32)
-        disparity = fit_surface(own, told, disparity, field.guide, axes, stiffness=stiffness, jump=jump, edge=_EDGE,
+        disparity = fit_surface(own, told, disparity, guide, axes, stiffness=stiffness, jump=jump, edge=_EDGE,
                                 rounds=2)  # fmt: skip
     return Refined(disparity, own, information, residual, noise)

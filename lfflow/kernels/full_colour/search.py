@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -13,12 +12,12 @@ from lfflow.kernels.aggregate import accumulate, winner
 from lfflow.kernels.full_colour.cost import disagreement, padded, sectors
 from lfflow.kernels.full_colour.cost_filter import CostFilter
 from lfflow.kernels.full_colour.field import ViewField
+from lfflow.kernels.full_colour.spline import smoothed
 from lfflow.kernels.threads import bands, each
 
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
-_SPLINE = np.array([1 / 6, 2 / 3, 1 / 6], dtype=np.float32)
 _GLOSS = 1 / 255
 """Luminance difference of a place between views that may be gloss."""
 _SHARE = 0.3
@@ -36,14 +35,22 @@ the most that is made of it."""
 
 
 class Found(NamedTuple):
-    """Disparity (t, s), whether (t, s) its cost tells it from others, and the scale of each layer.
+    """First disparity of a field.
 
-    A layer times its scale differs between views by about 1 at the right disparity.
+    Parameters
+    ----------
+    disparity, sure
+        (t, s), and whether its cost tells it from others.
+    scale
+        (layer,) factors after which a layer differs between views by about 1 at the right disparity.
+    edge
+        Variance of the luminance that is no edge.
     """
 
     disparity: FloatArray
     sure: npt.NDArray[np.bool_]
     scale: FloatArray
+    edge: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +82,7 @@ def _matching(field: ViewField, layers: FloatArray, largest: float) -> _Matching
     """Matching of `layers` (view, layer, t, s) of a field."""
     margin = field.margin(largest)
     others = np.arange(len(field.u)) != field.centre
-    centre = np.stack([cv2.sepFilter2D(layer, -1, _SPLINE, _SPLINE) for layer in layers[field.centre]]).astype(
-        np.float32
-    )
+    centre = smoothed(layers[field.centre])
     return _Matching(padded(layers[others], margin), centre, field.u[others], field.v[others], margin)
 
 
@@ -101,7 +106,8 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
     chosen = field.star() if noisy > _NOISY else cross
     matching = _matching(chosen, chosen.layers * scale[:, None, None], largest)
     cost = matching.volume(hypotheses, bands(field.shape[0]), 1.0, threads)
-    along_edges = CostFilter(field.layers[field.centre, 1], max(_FLAT, detail))
+    flat = max(_FLAT, detail)
+    along_edges = CostFilter(field.layers[field.centre, 1], flat)
 
     def smooth(h: int) -> None:
         cost[h] = along_edges(cost[h])
@@ -109,12 +115,12 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
     each(smooth, range(len(hypotheses)), threads)
     total, unit = accumulate(cost, field.guide, small=small, large=large * (1 + (noisy / _MUCH) ** 2), edge=_EDGE)
     sure = cost.mean(axis=0) - cost.min(axis=0) > 0.5 * unit
-    return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale)
+    return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale, flat)
 
 
 def _texture(field: ViewField) -> float:
     """Variance of the detail of the central view, from its median square: edges are few."""
-    detail = cv2.sepFilter2D(field.layers[field.centre, 0], -1, _SPLINE, _SPLINE)
+    detail = smoothed(field.layers[field.centre, :1])
     return max(float(np.median(detail * detail)) / 0.455, 1e-9)
 
 

@@ -6,8 +6,14 @@ drifts towards disparities whose shifts are fractions. The B-spline leaves 50 % 
 
 from __future__ import annotations
 
+import cv2
 import numba
 import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+_WHOLE = np.array([1 / 6, 2 / 3, 1 / 6], dtype=np.float32)
 
 
 @numba.njit(nogil=True, cache=True)
@@ -31,3 +37,8 @@ def slopes(fraction):  # type: ignore[no-untyped-def]
     g = np.float32(1) - f
     half, two, more = np.float32(0.5), np.float32(2), np.float32(1.5)
     return -half * g * g, -f * (two - more * f), g * (two - more * g), half * f * f
+
+
+def smoothed(layers: FloatArray) -> FloatArray:
+    """Layers (layer, t, s) as the spline shows them at whole positions."""
+    return np.stack([cv2.sepFilter2D(layer, -1, _WHOLE, _WHOLE) for layer in layers]).astype(np.float32)

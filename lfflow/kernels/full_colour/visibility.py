@@ -30,6 +30,14 @@ def _project(disparity, u, v, nearest):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
+def nearest_surface(disparity: FloatArray, u: np.float32, v: np.float32) -> FloatArray:
+    """Largest disparity (t, s) of the central view that lands on each place of the view at (u, v)."""
+    nearest = np.empty_like(disparity)
+    _project(disparity, u, v, nearest)
+    return nearest
+
+
+@numba.njit(nogil=True, cache=True)
 def seen_by(disparity: FloatArray, u: np.float32, v: np.float32, tolerance: np.float32) -> npt.NDArray[np.bool_]:
     """Whether the view at (u, v) sees each place (t, s) of the central one.
 
@@ -41,8 +49,7 @@ def seen_by(disparity: FloatArray, u: np.float32, v: np.float32, tolerance: np.f
         How much nearer a surface may come without hiding the place.
     """
     rows, columns = disparity.shape
-    nearest = np.empty((rows, columns), dtype=np.float32)
-    _project(disparity, u, v, nearest)
+    nearest = nearest_surface(disparity, u, v)
     out = np.zeros((rows, columns), dtype=np.bool_)
     for t in range(rows):
         for s in range(columns):
