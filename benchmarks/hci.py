@@ -1,9 +1,11 @@
 """Scores and CPU seconds on folders of HCI views, beside OpenCV's StereoSGBM on two pairs in the same run.
 
-python benchmarks/hci.py FOLDER...        # each with gt_disp_lowres.pfm
+python benchmarks/hci.py FOLDER... [--noise 3]      # each with gt_disp_lowres.pfm; noise in % of the range
+
+`benchmarks/rooms.py` renders more such folders, with what HCI scenes that are not at hand are hard for.
 """
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -45,11 +47,20 @@ def stereo_sgbm(rgb: np.ndarray, low: float, high: float) -> np.ndarray:
     return np.where(holes, np.nanmedian(fused), fused) if holes.any() else fused
 
 
-def main(folders: list[str]) -> None:
+def noisy(views: xr.Dataset, percent: float) -> xr.Dataset:
+    """Views with Gaussian noise of `percent` of the range, in 8 bit again."""
+    if percent == 0:
+        return views
+    noise = np.random.default_rng(0).normal(0, percent / 100, views["rgb"].shape)
+    rgb = (np.round(np.clip(views["rgb"] + noise, 0, 1) * 255) / 255).astype(np.float32)
+    return views.assign(rgb=rgb)
+
+
+def main(folders: list[Path], noise: float) -> None:
     cv2.setNumThreads(1)
     print(f"{'scene':12} {'method':14} {'BP.07':>7} {'BP.03':>7} {'BP.01':>7} {'MSEx100':>8} {'Q25':>6} {'CPU s':>6}")
-    for folder in map(Path, folders):
-        views = open_views(folder).load()
+    for folder in folders:
+        views = noisy(open_views(folder).load(), noise)
         truth = xr.DataArray(read_pfm(folder / "gt_disp_lowres.pfm"), dims=("t", "s"))
         low, high = float(truth.min()), float(truth.max())
         disparity_of_views(views.isel(t=slice(0, 64), s=slice(0, 64)))  # compiles
@@ -72,4 +83,8 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--noise", type=float, default=0.0)
+    given = parser.parse_args()
+    main(given.folders, given.noise)

@@ -1,9 +1,10 @@
 """Disparity of the central view of a full-colour light field (METHOD 8.2 with all colours at every place).
 
-First the cheapest smooth surface through the variances of the views along the lines of each hypothesis, over the half
-plane of views that agrees best (what hides a place hides it on one side); then all views that see a place decide
-together what lies below the step of the hypotheses, joined by a surface of little curvature. Both measure the fine
-detail of the views: gloss and shading, which move with the viewpoint, are left in what remains of them.
+First the cheapest smooth surface through the share of views that show something else along the lines of each
+hypothesis; then all views are asked which side of a jump a place belongs to, each only about what it would see, and
+jumps settle on the picture's edges; at last all views that see a place decide together what lies below the step of the
+hypotheses, joined by a surface of little curvature. All of it measures the fine detail of the views: gloss and shading,
+which move with the viewpoint, are left in what remains of them. Limits are in units of the noise, which the views tell.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Settings:
     small: float = 0.3
     large: float = 5.0
     stiffness: float = 5e4
-    rounds: int = 2
+    rounds: int = 3
     widest: float = 6.0
 
 
