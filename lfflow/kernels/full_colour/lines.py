@@ -14,6 +14,9 @@ from lfflow.kernels.threads import each
 
 FloatArray = npt.NDArray[np.float32]
 
+_LUMINANCE = np.float32(0.15)
+"""Most that the luminance counts against the detail: it carries gloss, which is no noise but moves weak texture."""
+
 
 @dataclass(frozen=True, slots=True)
 class Lines:
@@ -40,7 +43,8 @@ class Lines:
 
 
 def lines_of(field: ViewField, scale: FloatArray, largest: float, threads: int) -> Lines:
-    """Lines up to |disparity| `largest` through the layers times `scale` (layer,)."""
+    """Lines up to |disparity| `largest` through detail and luminance times `scale` (layer,), the latter bounded."""
+    scale = np.array([scale[0], min(scale[1], _LUMINANCE * scale[0])], dtype=np.float32)
     margin = field.margin(largest)
     rows, columns = field.shape
     views = np.empty((len(field.u), len(scale), rows + 2 * margin, columns + 2 * margin), dtype=np.float32)
