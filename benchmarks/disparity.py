@@ -1,7 +1,7 @@
 """Disparity on mosaicked views against the truth: simulated F01 captures, and matching after demosaicking the raw.
 
 python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard|colourful] [--camera f01|illum]
-    [--iso 100] [--fusions] [--pictures FOLDER]
+    [--iso 100] [--fusions] [--several] [--pictures FOLDER]
 python benchmarks/disparity.py --views FOLDER [--smaller 2]
 
 The second resamples HCI views through the F01's mosaic and matches the same pixels in full colour (METHOD 10.5).
@@ -172,15 +172,22 @@ def draw(path: Path, wanted: Image, maps: list[Image]) -> None:
     cv2.imwrite(str(path), np.vstack([np.hstack(upper), np.hstack(lower)]))
 
 
-def capture(
+def simulated(
     size: int, seed: int, scene: str, camera: str = "f01", iso: float = 100
-) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset, Image, npt.NDArray[np.bool_]]:
-    """Raw frame, ideal calibration, light field, true disparity of the central view and where it has an edge near."""
+) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+    """Raw frame, ideal calibration and truth of a capture."""
     seen = colourful_scene(size, seed) if scene == "colourful" else scene
     raw, truth = simulate_capture(height=size, width=size, seed=seed, scene=seen, camera=camera, rgb_views=[0],
                                   setting=Setting(iso=iso))  # fmt: skip
     white, _ = simulate_white(height=size, width=size, seed=seed, camera=camera)
-    cal = ideal_calibration(white, truth)
+    return raw, ideal_calibration(white, truth), truth
+
+
+def capture(
+    size: int, seed: int, scene: str, camera: str = "f01", iso: float = 100
+) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset, Image, npt.NDArray[np.bool_]]:
+    """Raw frame, ideal calibration, light field, true disparity of the central view and where it has an edge near."""
+    raw, cal, truth = simulated(size, seed, scene, camera, iso)
     wanted = truth["disparity"].sel(u=0, v=0).to_numpy()
     filled = np.nan_to_num(wanted)
     high, low = cv2.dilate(filled, np.ones((7, 7))), cv2.erode(filled, np.ones((7, 7)))
@@ -205,6 +212,32 @@ def compare_fusions(size: int, seeds: list[int], scene: str) -> None:
             start = time.process_time()
             found = disparity(lf, fusion=fusion)["disparity"].to_numpy()
             score(f"{seed}, {fusion}", found, wanted, edge, time.process_time() - start)
+
+
+def compare_sources(size: int, seeds: list[int], scene: str, camera: str) -> None:
+    """The maps of all views from that of the centre, and from those of two and four more views fused with it."""
+    print("| seed, maps of | centre, bad(0.1) % | all views | … what the centre hides | CPU s |\n|---|---|---|---|---|")
+    for seed in seeds:
+        raw, cal, truth = simulated(size, seed, scene, camera)
+        lf = demultiplex(raw, cal).load()
+        wanted = truth["disparity"].sel(v=lf["v"], u=lf["u"]).to_numpy()
+        known = np.isfinite(wanted)
+        known[..., :BORDER, :], known[..., -BORDER:, :] = False, False
+        known[..., :BORDER], known[..., -BORDER:] = False, False
+        places = [(0, 0), (-2, 0), (2, 0), (0, -2), (0, 2)]
+        start = time.process_time()
+        maps = [disparity(lf, u=u, v=v) for u, v in places]
+        each = (time.process_time() - start) / len(maps)
+        middle = np.asarray((lf["v"] == 0) & (lf["u"] == 0))[..., None, None] & known
+        own = transpose_disparity(maps[0], lf)
+        hidden = ((own["flags"] & 24) == 24).to_numpy() & known & ~middle
+        for count in (1, 3, 5):
+            start = time.process_time()
+            found = transpose_disparity(maps[:count], lf)["disparity"].to_numpy()
+            seconds = time.process_time() - start + count * each
+            bad = ~(np.abs(found - wanted) <= 0.1)
+            shares = " | ".join(f"{100 * bad[kind].mean():.2f}" for kind in (middle, known, hidden))
+            print(f"| {seed}, {count} | {shares} | {seconds:.2f} |")
 
 
 def smaller_views(folder: Path, times: int) -> tuple[xr.Dataset, Image]:
@@ -263,6 +296,7 @@ def main() -> None:
     parser.add_argument("--camera", default="f01", choices=["f01", "illum"])
     parser.add_argument("--iso", type=float, default=100, help="sensitivity: the noise grows with it")
     parser.add_argument("--fusions", action="store_true", help="compare every fusion on the same captures instead")
+    parser.add_argument("--several", action="store_true", help="fuse the maps of several views instead")
     parser.add_argument("--views", type=Path, help="folder of HCI views: through the mosaic against full colour")
     parser.add_argument(
         "--smaller", type=int, default=2, help="shrink the views so that the aperture shows their range"
@@ -274,6 +308,9 @@ def main() -> None:
         return
     if options.fusions:
         compare_fusions(options.size, options.seeds, options.scene)
+        return
+    if options.several:
+        compare_sources(options.size, options.seeds, options.scene, options.camera)
         return
     print(HEAD.format("method"))
     for seed in options.seeds:
