@@ -24,9 +24,10 @@ def transpose_disparity(disp: xr.Dataset | Sequence[xr.Dataset], lf: xr.Dataset)
     Parameters
     ----------
     disp
-        ``disparity``, ``disparity_std``, ``flags`` (t, s) of the view of their scalar coordinates ``u``, ``v``, as
-        `lfflow.disparity` gives them, or a sequence of such maps of several views, which are fused: what most of them
-        contradict is left out, and what is hidden from one is taken from another.
+        ``disparity``, ``disparity_std``, ``flags`` (t, s) of the view of their scalar coordinates ``u``, ``v`` (the
+        central one where there are none), as `lfflow.disparity` gives them, or a sequence of such maps of several
+        views, which are fused: what most of them contradict is left out, and what is hidden from one is taken from
+        another.
     lf
         Light field (or full-colour views) whose ``v`` and ``u`` are wanted.
 
@@ -52,7 +53,7 @@ def transpose_disparity(disp: xr.Dataset | Sequence[xr.Dataset], lf: xr.Dataset)
         raise ValueError("no disparity map given")
     first = given[0]
     v, u = np.asarray(lf["v"]), np.asarray(lf["u"])
-    places = [(int(one["u"]), int(one["v"])) for one in given]
+    places = [(int(one.coords.get("u", 0)), int(one.coords.get("v", 0))) for one in given]
     lattice = _lattice(first, lf)
 
     def one_capture(*arrays: Any) -> Any:

@@ -37,6 +37,13 @@ def test_the_near_square_moves_against_the_view_and_hides_what_is_behind(scene, 
     assert len(rows) == pytest.approx(16 * 16, abs=20)
 
 
+def test_a_map_without_a_place_is_that_of_the_central_view(scene):
+    disp, lf = scene
+    xr.testing.assert_identical(
+        lfflow.transpose_disparity(disp.drop_vars(["u", "v"]), lf), lfflow.transpose_disparity(disp, lf)
+    )
+
+
 def test_holes_are_filled_from_the_background_and_flagged(scene):
     out = lfflow.transpose_disparity(*scene).sel(u=4, v=0)
     filled = (out.flags & 16) > 0
