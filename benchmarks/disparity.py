@@ -3,8 +3,10 @@
 python benchmarks/disparity.py [--size 1200] [--seeds 1 2] [--scene natural|hard|colourful] [--camera f01|illum]
     [--iso 100] [--fusions] [--several] [--pictures FOLDER]
 python benchmarks/disparity.py --views FOLDER [--smaller 2]
+python benchmarks/disparity.py CAPTURE.lfp ...
 
-The second resamples HCI views through the F01's mosaic and matches the same pixels in full colour (METHOD 10.5).
+The second resamples HCI views through the F01's mosaic and matches the same pixels in full colour (METHOD 10.5). The
+third tells what whole captures cost.
 """
 
 from __future__ import annotations
@@ -288,6 +290,22 @@ def through_the_mosaic(folder: Path, times: int) -> None:
         )
 
 
+def cost_of(path: Path) -> None:
+    """CPU seconds of the central map and of those of all views, best of three."""
+    raw = xr.open_dataset(path, engine="lfp").load()
+    lf = lfflow.demultiplex(raw, lfflow.calibrate(raw)).load()
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        central = disparity(lf)
+        middle = time.process_time()
+        transpose_disparity(central, lf)
+        times.append((time.process_time() - start, middle - start))
+    whole, first = min(times)
+    lenses, views = lf.sizes["t"] * lf.sizes["s"], lf.sizes["u"] * lf.sizes["v"]
+    print(f"{path.name}, {lenses} lenses: central map {first:.2f} CPU s, with all {views} views {whole:.2f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=1200)
@@ -302,7 +320,12 @@ def main() -> None:
         "--smaller", type=int, default=2, help="shrink the views so that the aperture shows their range"
     )
     parser.add_argument("--pictures", type=Path, help="folder for a picture of the maps and their errors, one a seed")
+    parser.add_argument("captures", type=Path, nargs="*", help="whole captures, to tell what they cost")
     options = parser.parse_args()
+    if options.captures:
+        for path in options.captures:
+            cost_of(path)
+        return
     if options.views:
         through_the_mosaic(options.views, options.smaller)
         return
