@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.conventions import CFA_NONE
+from lfflow.kernels.mosaicked.between import read_between
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField, shown_by
 from lfflow.kernels.threads import each
 
@@ -107,7 +108,7 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
                 continue
             x = np.float32(column) + offset[row] + d * (u + rho[0, row, column])
             y = np.float32(row) + d * (v + rho[1, row, column]) * rows_per_lens
-            r = mosaic[row, column] - _read(padded, offset, x, y, cfa[row, column])
+            r = mosaic[row, column] - read_between(padded, offset, x, y, cfa[row, column])
             robust = one / (one + r * r * narrow)
             w = confidence[row, column] * robust * robust
             total[0, row, column] += w * r
@@ -123,19 +124,3 @@ def _take_off(total, cfa, least, mosaic):  # type: ignore[no-untyped-def]
             square = smooth * smooth
             changed = mosaic[t, s] - smooth * (square / (square + least))
             mosaic[t, s] = np.float32(0) if cfa[t, s] == CFA_NONE else changed
-
-
-@numba.njit(nogil=True, cache=True, inline="always")
-def _read(picture, offset, x, y, c):  # type: ignore[no-untyped-def]
-    """Picture (t, s, channel) at X = x, row y, between four lenses: what is smoothed afterwards needs no more."""
-    rows, columns = picture.shape[0], picture.shape[1]
-    none, right, one = np.float32(0), np.float32(columns - 1.001), np.uint32(1)
-    y = min(max(y, none), np.float32(rows - 1.001))
-    top = np.uint32(y)
-    upper = min(max(x - offset[top], none), right)
-    lower = min(max(x - offset[top + one], none), right)
-    m, n = np.uint32(upper), np.uint32(lower)
-    first, second = picture[top, m, c], picture[top + one, n, c]
-    first += (upper - np.float32(m)) * (picture[top, m + one, c] - first)
-    second += (lower - np.float32(n)) * (picture[top + one, n + one, c] - second)
-    return first + (y - np.float32(top)) * (second - first)

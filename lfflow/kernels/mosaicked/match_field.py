@@ -4,6 +4,7 @@ First pass: same-colour pairs of one row or column, where their support allows. 
 completed in colour along that disparity, and every sample of every view is compared with it. The costs of the sides of
 the aperture are fused without the worse ones and regularised along the picture's edges. Below the step of the
 hypotheses the samples decide again, joined by a surface of little curvature that also spans what has no texture.
+Lenses beside jumps go to the side that the views and the colours tell.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from lfflow.kernels.mosaicked.model_cost import model_costs
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField
 from lfflow.kernels.mosaicked.pair_cost import Interpolation, pair_cost, pair_support
 from lfflow.kernels.mosaicked.refine import Evidence, evidence
+from lfflow.kernels.mosaicked.sides import choose_sides
 from lfflow.kernels.mosaicked.subpixel import CostInterpolation, minimum
 from lfflow.kernels.surface import fit_surface, lattice_axes
 from lfflow.kernels.threads import each
@@ -129,17 +131,11 @@ def further_passes(level: MosaicField, first: First, options: Matching) -> tuple
     if options.second_pass:
         for _ in range(1 if first.clear > MOSTLY_NOISE else 2):
             found = _second_pass(level, found, noise, options)
-    found, told, picture = _refined(level, found, noise, options)
-    if options.second_pass and options.regularise:
-        found = place_edges(found, picture, level.offset, level.row_pitch, contrast=4 * noise)
-        found = without_islands(found, told.own > TEXTURELESS)
-    return found, told
+    return _refined(level, found, noise, options)
 
 
-def _refined(
-    field: MosaicField, found: FloatArray, noise: float, options: Matching
-) -> tuple[FloatArray, Evidence, FloatArray]:
-    """Disparity below the step of the hypotheses, what the samples told of it, and the picture (3, t, s) along it."""
+def _refined(field: MosaicField, found: FloatArray, noise: float, options: Matching) -> tuple[FloatArray, Evidence]:
+    """Disparity below the step of the hypotheses, its jumps in their places, and what the samples told of it."""
     axes = lattice_axes(field.offset)
     telling = field.views(TELLING * field.aperture())
     for views in (telling[::2], telling):
@@ -155,7 +151,11 @@ def _refined(
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
                             jump=np.hypot(JUMP, doubt), edge=_edge(noise), iterations=STEPS)  # fmt: skip
-    return found, told, picture
+    if options.second_pass and options.regularise:
+        found = choose_sides(found, picture, field, noise, options.threads)
+        found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
+        found = without_islands(found, told.own > TEXTURELESS)
+    return found, told
 
 
 def inside(field: MosaicField) -> npt.NDArray[np.bool_]:
