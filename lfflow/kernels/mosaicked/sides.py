@@ -58,6 +58,7 @@ def choose_sides(
     if not len(asked):
         return disparity
     places = tuple(asked.T)
+    hiding = np.argwhere(_may_hide(disparity, known, field))
     sides = np.stack([disparity[places], near[places], far[places]], axis=-1).astype(np.float32)
     samples = field.mosaic, field.cfa, field.weight
     axes = field.u.astype(np.float32), field.v.astype(np.float32)
@@ -67,8 +68,8 @@ def choose_sides(
 
     def turn(k: int) -> FloatArray:
         sums = np.zeros((*sides.shape, 3, 3), dtype=np.float32)
-        _add(samples, views[k::_TURNS], axes, field.rho, field.offset, pitch, reach, colours, disparity, asked, sides,
-             sums)  # fmt: skip
+        _add(samples, views[k::_TURNS], axes, field.rho, field.offset, pitch, reach, colours, disparity, hiding, asked,
+             sides, sums)  # fmt: skip
         return sums
 
     total = np.sum(each(turn, range(_TURNS), threads), axis=0)
@@ -77,6 +78,14 @@ def choose_sides(
     out = disparity.copy()
     out[places] = np.take_along_axis(sides, cost.argmin(axis=1)[:, None], axis=1)[:, 0]
     return out
+
+
+def _may_hide(disparity: FloatArray, known: npt.NDArray[np.bool_], field: MosaicField) -> npt.NDArray[np.bool_]:
+    """Lenses (t, s) that some view shows before what lies farther: those with something farther around."""
+    span = float(disparity[known].max() - disparity[known].min())
+    away = 2 + math.ceil(span * math.hypot(np.abs(field.u).max(), np.abs(field.v).max()) / min(field.row_pitch, 1))
+    farthest = minimum_filter(np.where(known, disparity, np.inf), 2 * away + 1)
+    return np.asarray(known & (disparity - farthest > _HIDES))
 
 
 def _farthest(field: MosaicField) -> float:
@@ -96,28 +105,26 @@ def _disagreement(total: FloatArray, limit: float) -> FloatArray:
 
 
 @numba.njit(nogil=True, cache=True)
-def _project(disparity, offset, pitch, reach, u, v, nearest):  # type: ignore[no-untyped-def]
-    """Fill `nearest` (t, s) with the largest disparity that lands on each lens of the view at (u, v)."""
+def _project(disparity, hiding, offset, pitch, reach, u, v, nearest):  # type: ignore[no-untyped-def]
+    """Fill `nearest` (t, s) with the largest disparity of the lenses `hiding` that lands on each lens of the view."""
     rows, columns = disparity.shape
     nearest[:] = _NOTHING
-    for t in range(rows):
-        for s in range(columns):
-            d = disparity[t, s]
-            if np.isnan(d):
-                continue
-            y, place = np.float32(t) - d * (v / pitch), np.float32(s) + offset[t] - d * u
-            top = int(np.floor(y))
-            for row in range(max(top, 0), min(top + 2, rows)):
-                x, down = place - offset[row], (np.float32(row) - y) * pitch
-                left = int(np.floor(x))
-                for column in range(max(left, 0), min(left + 2, columns)):
-                    right = np.float32(column) - x
-                    if right * right + down * down < reach * reach and nearest[row, column] < d:
-                        nearest[row, column] = d
+    for k in range(hiding.shape[0]):
+        t, s = hiding[k]
+        d = disparity[t, s]
+        y, place = np.float32(t) - d * (v / pitch), np.float32(s) + offset[t] - d * u
+        top = int(np.floor(y))
+        for row in range(max(top, 0), min(top + 2, rows)):
+            x, down = place - offset[row], (np.float32(row) - y) * pitch
+            left = int(np.floor(x))
+            for column in range(max(left, 0), min(left + 2, columns)):
+                right = np.float32(column) - x
+                if right * right + down * down < reach * reach and nearest[row, column] < d:
+                    nearest[row, column] = d
 
 
 @numba.njit(nogil=True, cache=True)
-def _add(samples, views, axes, rho, offset, pitch, reach, picture, disparity, asked, sides, sums):  # type: ignore[no-untyped-def]
+def _add(samples, views, axes, rho, offset, pitch, reach, picture, disparity, hiding, asked, sides, sums):  # type: ignore[no-untyped-def]
     """Add to the sums (place, side, colour, 3) of w, w·x and w·x² the samples that show the places and are not hidden.
 
     `asked` (place, 2) are rows and columns, `sides` (place, side) the own, the nearest and the farthest disparity.
@@ -129,7 +136,7 @@ def _add(samples, views, axes, rho, offset, pitch, reach, picture, disparity, as
     for n in range(views.shape[0]):
         j, i = views[n]
         u, v = axes[0][i], axes[1][j]
-        _project(disparity, offset, pitch, reach, u, v, nearest)
+        _project(disparity, hiding, offset, pitch, reach, u, v, nearest)
         for k in range(asked.shape[0]):
             t, s = asked[k]
             moves = (u * u + v * v) * (sides[k, 1] - sides[k, 2]) ** 2
