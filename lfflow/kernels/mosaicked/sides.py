@@ -27,7 +27,7 @@ _HIDES = 0.1
 """By how much nearer a surface must come to hide a lens."""
 _LIMIT, _LEAST_LIMIT = 3.0, 0.02
 """Scatter of the samples of a colour that counts as half of disagreement: in units of the noise, and at least."""
-_BETTER = 0.04
+_BETTER = 0.06
 """By how much less another side's samples must disagree."""
 _UNSEEN, _FEW = 0.2, 2.0
 """Disagreement, and weight in samples, of what is taken for granted: what hardly any view would see is no side."""
