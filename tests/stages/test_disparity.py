@@ -105,6 +105,16 @@ def test_the_wide_range_is_found_by_itself():
     assert float(abs(out.disparity.isel(t=slice(10, -10), s=slice(12, -12)) - 1.4).median()) < 0.02
 
 
+def test_a_small_clear_spot_does_not_bound_the_rest():
+    def spotted(X, Y, a, b, colour):
+        weak = 0.5 + 0.25 * (plane(-0.4, seed=4)(X, Y, a, b, colour) - 0.5)
+        spot = (np.abs(X + 0.5 * a - 40) < 3) & (np.abs(Y + 0.5 * b - 30) < 3)
+        return np.where(spot, plane(0.5, seed=5)(X, Y, a, b, colour), weak)
+
+    out = lfflow.disparity(lightfield(spotted, shape=(72, 80), noise=0.05))
+    assert float((abs(out.disparity[6:-6, 6:-6] + 0.4) > 0.1).mean()) < 0.03
+
+
 def test_unknown_options_are_refused():
     lf = lightfield(plane(0.0), shape=(8, 8))
     with pytest.raises(ValueError, match="parabolla"):

@@ -54,6 +54,8 @@ EDGE, LEAST_EDGE = 1.5, 0.02
 2.7 times cheaper, and loosens the surface to half."""
 PAIR_NOISE = 1.2
 """Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
+ENOUGH_CLEAR = 0.01
+"""Share of the places that must be clear for their disparities to bound those of all."""
 CLEAR = 4.0
 """A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
 STRANGE, UNEVEN = 6.0, 0.1
@@ -213,10 +215,10 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
             reach *= 2
             continue
         found = _decide(fused, labels, None, options, brick=_is_brick(field))
-        if options.hypotheses is None and clear.any():
+        share = float(clear.sum() / max(inside(field).sum(), 1))
+        if options.hypotheses is None and share > ENOUGH_CLEAR:
             found = np.clip(found, *_span(found[clear]))
-        noise = float(np.sqrt(noise_level(fused) / PAIR_NOISE))
-        return First(found, noise, float(clear.sum() / max(inside(field).sum(), 1)))
+        return First(found, float(np.sqrt(noise_level(fused) / PAIR_NOISE)), share)
 
 
 def _pair_cost(
