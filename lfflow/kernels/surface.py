@@ -12,6 +12,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.kernels.coarser import levels, precondition
+
 FloatArray = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
@@ -19,6 +21,8 @@ _FLAGS = {"nsz", "contract"}
 _ANCHOR = np.float32(1e-3)
 """Information with which the start is held: what nothing else decides stays there."""
 _ACROSS, _DOWN, _FALLING, _RISING = (0, -1, 0, 1), (-1, 0, 1, 0), (-1, -1, 1, 1), (-1, 1, 1, -1)
+_OUTWARD = (-1, 0, 1, 1)
+"""Axis of the rows of the brick layout that lie half a lens to the right."""
 
 
 def square_axes(rows: int) -> IntArray:
@@ -43,7 +47,7 @@ def lattice_axes(offset: FloatArray) -> IntArray:
         return np.tile(np.array([_ACROSS, _DOWN]), (len(offset), 1, 1))
     inner, outer = (
         np.array([_ACROSS, (-1, -1, 1, 0), (-1, 0, 1, -1)]),
-        np.array([_ACROSS, (-1, 0, 1, 1), (-1, 1, 1, 0)]),
+        np.array([_ACROSS, _OUTWARD, (-1, 1, 1, 0)]),
     )
     return np.where((offset == offset.max())[:, None, None], outer, inner)
 
@@ -59,7 +63,7 @@ def fit_surface(
     jump: float | FloatArray,
     edge: float,
     rounds: int = 1,
-    iterations: int = 60,
+    iterations: int = 40,
 ) -> FloatArray:
     """Disparity (t, s) of the surface; NaN where `start` is.
 
@@ -119,23 +123,32 @@ def _bonds(d, guide, axes, stiffness, bends, edge):  # type: ignore[no-untyped-d
 def _apply(d, held, bonds, axes, out):  # type: ignore[no-untyped-def]
     """Half the gradient of the energy, without the pull."""
     rows, columns = d.shape
+    count = columns - 2
+    force = np.empty(count, dtype=np.float32)
     out[:] = held * d
-    for axis in range(bonds.shape[0]):
-        for t in range(1, rows - 1):
+    for t in range(1, rows - 1):
+        for axis in range(bonds.shape[0]):
             t0, s0, t1, s1 = axes[t, axis]
-            before, here, after = d[t + t0], d[t], d[t + t1]
-            to_before, to_here, to_after = out[t + t0], out[t], out[t + t1]
-            for s in range(1, columns - 1):
-                force = bonds[axis, t, s] * (before[s + s0] - 2 * here[s] + after[s + s1])
-                to_before[s + s0] += force
-                to_here[s] -= 2 * force
-                to_after[s + s1] += force
+            before, here, after = d[t + t0, 1 + s0 :], d[t, 1:], d[t + t1, 1 + s1 :]
+            bond = bonds[axis, t, 1:]
+            for s in range(count):
+                force[s] = bond[s] * (before[s] - 2 * here[s] + after[s])
+            _add(force, np.float32(1), out[t + t0, 1 + s0 :])
+            _add(force, np.float32(-2), out[t, 1:])
+            _add(force, np.float32(1), out[t + t1, 1 + s1 :])
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _add(values, factor, out):  # type: ignore[no-untyped-def]
+    for s in range(values.shape[0]):
+        out[s] += factor * values[s]
 
 
 @numba.njit(nogil=True, cache=True)
-def _diagonal(held, bonds, axes):  # type: ignore[no-untyped-def]
-    rows, columns = held.shape
-    out = held.copy()
+def _bending(bonds, axes):  # type: ignore[no-untyped-def]
+    """Diagonal (t, s) of the second differences."""
+    out = np.zeros(bonds.shape[1:], dtype=np.float32)
+    rows, columns = out.shape
     for axis in range(bonds.shape[0]):
         for t in range(1, rows - 1):
             t0, s0, t1, s1 = axes[t, axis]
@@ -158,28 +171,42 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _solve(d, held, pull, bonds, axes, iterations):  # type: ignore[no-untyped-def]
-    """Conjugate gradients with the diagonal as preconditioner, started from `d`, in place."""
-    rows, columns = d.shape
-    inverse = np.float32(1) / _diagonal(held, bonds, axes)
+def _go(length, way, product, d, rest):  # type: ignore[no-untyped-def]
+    """Go along `way` in place, and take from `rest` what that does."""
+    for t in range(d.shape[0]):
+        for s in range(d.shape[1]):
+            d[t, s] += length * way[t, s]
+            rest[t, s] -= length * product[t, s]
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def _turn(keep, fresh, way):  # type: ignore[no-untyped-def]
+    for t in range(way.shape[0]):
+        for s in range(way.shape[1]):
+            way[t, s] = fresh[t, s] + keep * way[t, s]
+
+
+def _solve(
+    d: FloatArray, held: FloatArray, pull: FloatArray, bonds: FloatArray, axes: IntArray, iterations: int
+) -> None:
+    """Conjugate gradients with `precondition`, started from `d`, in place."""
+    grids = levels(held, _bending(bonds, axes), _offset(axes))
     product = np.empty_like(d)
     _apply(d, held, bonds, axes, product)
     rest = pull - product
-    way = rest * inverse
+    way = precondition(grids, rest)
     energy = _dot(rest, way)
     for _ in range(iterations):
         _apply(way, held, bonds, axes, product)
         bend = _dot(way, product)
         if bend <= 0 or energy <= 0:
             return
-        length = np.float32(energy / bend)
-        for t in range(rows):
-            for s in range(columns):
-                d[t, s] += length * way[t, s]
-                rest[t, s] -= length * product[t, s]
-        fresh = _dot(rest, rest * inverse)
-        keep = np.float32(fresh / energy)
-        energy = fresh
-        for t in range(rows):
-            for s in range(columns):
-                way[t, s] = rest[t, s] * inverse[t, s] + keep * way[t, s]
+        _go(np.float32(energy / bend), way, product, d, rest)
+        fresh = precondition(grids, rest)
+        before, energy = energy, _dot(rest, fresh)
+        _turn(np.float32(energy / before), fresh, way)
+
+
+def _offset(axes: IntArray) -> FloatArray:
+    """X (t,) of place s = 0 of each row: half a pitch where a row's nearest places below are s and s + 1."""
+    return np.where((axes[:, 1] == _OUTWARD).all(axis=-1), np.float32(0.5), np.float32(0))

@@ -84,3 +84,14 @@ def test_a_noisy_step_stays_where_the_picture_has_its_edge():
                         jump=0.08, edge=0.05, rounds=2)  # fmt: skip
     assert np.abs(found - truth)[2:-2, 2:-2].max() < 0.03
     assert (found - truth)[2:-2, 2:-2].std() < 0.4 * noise.std()
+
+
+@pytest.mark.parametrize("offset", [0.5 * (np.arange(200) % 2), np.zeros(200)], ids=["brick", "square"])
+def test_a_plane_known_only_far_away_arrives(offset):
+    plane = (0.01 * (np.arange(220)[None] + offset[:, None]) - 0.02 * np.arange(200)[:, None]).astype("f4")
+    start, known = plane.copy(), np.full(plane.shape, 1e4, "f4")
+    start[60:140, 60:160], known[60:140, 60:160] = plane.mean(), 0
+    guide = np.zeros((*plane.shape, 1), "f4")
+    found = fit_surface(start, known, start, guide, lattice_axes(offset), stiffness=2e4, jump=1e3, edge=0.05,
+                        iterations=160)  # fmt: skip
+    assert np.abs(found - plane).max() < np.abs(start - plane).max() / 16

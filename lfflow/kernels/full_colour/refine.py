@@ -100,7 +100,8 @@ def refine(lines: Lines, guide: FloatArray, start: FloatArray, *, stiffness: flo
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step
         told = information * np.float32(0.5)
-        jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * cv2.blur(told, (5, 5)) + 1)).astype(np.float32)
+        around = np.maximum(cv2.blur(told, (5, 5)), 0)
+        jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * around + 1)).astype(np.float32)
         disparity = fit_surface(own, told, disparity, guide, axes, stiffness=stiffness, jump=jump, edge=_EDGE,
                                 rounds=2)  # fmt: skip
     return Refined(disparity, own, information, residual, noise)

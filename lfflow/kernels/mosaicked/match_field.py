@@ -67,7 +67,7 @@ MOSTLY_NOISE = 0.25
 """Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP, STEPS = 2e4, 0.02, 120
+STIFFNESS, JUMP, STEPS = 2e4, 0.02, 60
 """Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
 MOST_DOUBT = 0.03
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
