@@ -159,7 +159,7 @@ def _bending(bonds, axes):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS | {"reassoc"})
 def _dot(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for t in range(a.shape[0]):

@@ -85,6 +85,13 @@ def view_field(rgb: FloatArray, u: IntArray, v: IntArray, threads: int) -> ViewF
         raise ValueError("the central view (v=0, u=0) is missing")
     if not (there & ~central).any():
         raise ValueError("there is no second view to match with")
-    layers = np.stack(each(detail_and_base, list(rgb[there]), threads))
+    places = np.argwhere(there)
+    layers = np.empty((len(places), 2, *rgb.shape[2:4]), dtype=np.float32)
+
+    def split(q: int) -> None:
+        j, i = places[q]
+        detail_and_base(np.ascontiguousarray(rgb[j, i]), layers[q])
+
+    each(split, range(len(places)), threads)
     guide = np.ascontiguousarray(rgb[there & central][0])
     return ViewField(layers, right[there].astype(np.int64), down[there].astype(np.int64), guide)

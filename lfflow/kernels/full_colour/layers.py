@@ -16,9 +16,10 @@ _SPACE, _DIAMETER = 3.0, 9
 _CONTRAST = 0.05
 
 
-def detail_and_base(view: FloatArray) -> FloatArray:
-    """Layers (2, t, s) of a view (t, s, channel) in 0..1: bilateral detail, and the luminance itself."""
+def detail_and_base(view: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (2, t, s) with the bilateral detail of a view (t, s, channel) in 0..1, and its luminance itself."""
     channels = view.shape[-1]
     luminance = cv2.transform(view, np.full((1, channels), 1 / channels, dtype=np.float32)).reshape(view.shape[:-1])
     base = cv2.bilateralFilter(luminance, _DIAMETER, _CONTRAST, _SPACE)
-    return np.stack([luminance - base, luminance])
+    np.subtract(luminance, base, out=out[0])
+    out[1] = luminance

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from lfflow.kernels.full_colour.reading import locate, read
+from lfflow.kernels.full_colour.reading import derive, locate, read
 
 _FLAGS = {"nsz", "contract", "reassoc", "arcp"}
 _NOTHING = np.float32(1e-9)
@@ -25,23 +25,25 @@ def _add(values, share, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def _gather(views, there, disparity, t, u, v, graded, margin, value, by_y, by_x):  # type: ignore[no-untyped-def]
+def _gather(views, chosen, there, disparity, t, u, v, graded, margin, value, by_y, by_x):  # type: ignore[no-untyped-def]
     """Values (view, layer, s) of a row of places, and the derivatives (layer, s) of their mean."""
     layers, shape = views.shape[1], views.shape[2:]
     columns = disparity.shape[1]
     places, base = np.arange(columns), np.empty(columns, dtype=np.uintp)
     along, change = np.empty((2, 4, columns), dtype=np.float32), np.empty((2, 4, columns), dtype=np.float32)
-    one, number = np.empty(columns, dtype=np.float32), np.full(columns, _NOTHING, dtype=np.float32)
+    down, right = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
+    number = np.full(columns, _NOTHING, dtype=np.float32)
     by_y[:], by_x[:] = 0, 0
-    for q in range(views.shape[0]):
+    for q in range(chosen.shape[0]):
+        view = views[chosen[q]]
         locate(disparity[t], places, t, u[q], v[q], margin, shape, base, along, change)
         for c in range(layers):
-            read(views[q, c], base, along[0], along[1], value[q, c])
             if graded[q]:
-                read(views[q, c], base, change[0], along[1], one)
-                _add(one, there[q], by_y[c])
-                read(views[q, c], base, along[0], change[1], one)
-                _add(one, there[q], by_x[c])
+                derive(view[c], base, along, change, value[q, c], down, right)
+                _add(down, there[q], by_y[c])
+                _add(right, there[q], by_x[c])
+            else:
+                read(view[c], base, along[0], along[1], value[q, c])
         if graded[q]:
             number += there[q]
     by_y /= number
@@ -75,13 +77,16 @@ def _trust(value, there, mean, tolerance, apart, weight):  # type: ignore[no-unt
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
 def _sums(value, by_y, by_x, u, v, weight, total, mean, out):  # type: ignore[no-untyped-def]
-    """Add curvature, slope and mean squared residual (3, s) of the layers (view, layer, s)."""
+    """Curvature, slope and mean squared residual (3, s) of the layers (view, layer, s)."""
     views, layers, columns = value.shape
+    out[:] = 0
     middle_u, middle_v = np.zeros(columns, dtype=np.float32), np.zeros(columns, dtype=np.float32)
     for q in range(views):
         for s in range(columns):
-            middle_u[s] += weight[q, s] * u[q] / total[s]
-            middle_v[s] += weight[q, s] * v[q] / total[s]
+            middle_u[s] += weight[q, s] * u[q]
+            middle_v[s] += weight[q, s] * v[q]
+    middle_u /= total
+    middle_v /= total
     for c in range(layers):
         for q in range(views):
             for s in range(columns):
@@ -89,31 +94,34 @@ def _sums(value, by_y, by_x, u, v, weight, total, mean, out):  # type: ignore[no
                 way = (middle_u[s] - u[q]) * by_x[c, s] + (middle_v[s] - v[q]) * by_y[c, s]
                 out[0, s] += weight[q, s] * way * way
                 out[1, s] -= weight[q, s] * way * residual
-                out[2, s] += weight[q, s] * residual * residual / total[s]
+                out[2, s] += weight[q, s] * residual * residual
+    out[2] /= total
 
 
 @numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
-def normal_equations(views, seen, disparity, u, v, graded, rows, margin, tolerance, out):  # type: ignore[no-untyped-def]
+def normal_equations(views, chosen, seen, disparity, u, v, graded, rows, margin, tolerance, out):  # type: ignore[no-untyped-def]
     """Fill `out` (3, t, s) with curvature, slope and mean squared residual for the rows first..last − 1.
 
     Parameters
     ----------
     views
-        (view, layer, t, s) padded by `margin`, the central view among them.
+        (view, layer, t, s) padded by `margin`.
+    chosen
+        (q,) indices of the views to use, the central one among them.
     seen
-        (view, t, s) bool.
+        (q, t, s) bool.
     disparity
         (t, s); places that a shift moves out of the padding are read at its border.
     u, v
-        (view,) float32 offsets.
+        (q,) float32 offsets.
     graded
-        (view,) bool, whether a view counts for the derivatives of the mean; the central one should.
+        (q,) bool, whether a view counts for the derivatives of the mean; the central one should.
     rows
         (first, last).
     tolerance
         Squared residual, summed over the layers, at which a view counts a quarter.
     """
-    count, layers = views.shape[:2]
+    count, layers = chosen.shape[0], views.shape[1]
     columns = disparity.shape[1]
     value = np.empty((count, layers, columns), dtype=np.float32)
     weight, there = np.empty((count, columns), dtype=np.float32), np.empty((count, columns), dtype=np.float32)
@@ -121,11 +129,10 @@ def normal_equations(views, seen, disparity, u, v, graded, rows, margin, toleran
     by_x, total, apart = np.empty_like(mean), np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
     for t in range(rows[0], rows[1]):
         there[:] = seen[:, t]
-        _gather(views, there, disparity, t, u, v, graded, margin, value, by_y, by_x)
+        _gather(views, chosen, there, disparity, t, u, v, graded, margin, value, by_y, by_x)
         weight[:] = there
         for _ in range(2):
             _average(value, weight, mean, total)
             _trust(value, there, mean, tolerance, apart, weight)
         _average(value, weight, mean, total)
-        out[:, t] = 0
         _sums(value, by_y, by_x, u, v, weight, total, mean, out[:, t])

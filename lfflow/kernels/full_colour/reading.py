@@ -54,3 +54,22 @@ def read(layer, base, down, right, out):  # type: ignore[no-untyped-def]
                 + right[3, s] * samples[first + np.uintp(3)]
             )
         out[s] = total
+
+
+@numba.njit(nogil=True, cache=True, fastmath=_FLAGS)
+def derive(layer, base, along, change, out, by_y, by_x):  # type: ignore[no-untyped-def]
+    """Spline (place,) as of `read`, and its derivatives down and right, from the same samples."""
+    samples, width = layer.ravel(), layer.shape[1]
+    for s in range(out.shape[0]):
+        total, down, right = np.float32(0), np.float32(0), np.float32(0)
+        for k in range(4):
+            first = base[s] + np.uintp(k * width)
+            a, b = samples[first], samples[first + np.uintp(1)]
+            c, d = samples[first + np.uintp(2)], samples[first + np.uintp(3)]
+            row = along[1, 0, s] * a + along[1, 1, s] * b + along[1, 2, s] * c + along[1, 3, s] * d
+            total += along[0, k, s] * row
+            down += change[0, k, s] * row
+            right += along[0, k, s] * (
+                change[1, 0, s] * a + change[1, 1, s] * b + change[1, 2, s] * c + change[1, 3, s] * d
+            )
+        out[s], by_y[s], by_x[s] = total, down, right

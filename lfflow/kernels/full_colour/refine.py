@@ -52,7 +52,7 @@ def _fit(
     lines: Lines, disparity: FloatArray, noise: float, views: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Step, curvature and mean squared residual (t, s) at the present disparity, by some of the views."""
-    chosen, u, v = lines.views[views], lines.u[views], lines.v[views]
+    u, v = lines.u[views], lines.v[views]
     graded = (u % 2 == 0) & (v % 2 == 0)
     seen = np.empty((len(views), *disparity.shape), dtype=np.bool_)
     sums = np.empty((3, *disparity.shape), dtype=np.float32)
@@ -62,7 +62,7 @@ def _fit(
         seen[q] = seen_by(disparity, u[q], v[q], _HIDES)
 
     def band(span: tuple[int, int]) -> None:
-        normal_equations(chosen, seen, disparity, u, v, graded, span, lines.margin, tolerance, sums)
+        normal_equations(lines.views, views, seen, disparity, u, v, graded, span, lines.margin, tolerance, sums)
 
     each(look, range(len(views)), lines.threads)
     each(band, bands(disparity.shape[0]), lines.threads)

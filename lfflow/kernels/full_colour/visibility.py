@@ -20,12 +20,12 @@ def _project(disparity, u, v, nearest):  # type: ignore[no-untyped-def]
     for t in range(rows):
         for s in range(columns):
             d = disparity[t, s]
-            y, x = t - d * v, s - d * u
-            top, left = int(np.floor(y)), int(np.floor(x))
-            for row in range(max(top, 0), min(top + 2, rows)):
-                for column in range(max(left, 0), min(left + 2, columns)):
-                    near = abs(row - y) < _REACH and abs(column - x) < _REACH
-                    if near and nearest[row, column] < d:
+            y, x = np.float32(t) - d * v, np.float32(s) - d * u
+            top, left = int(np.ceil(y - _REACH)), int(np.ceil(x - _REACH))
+            bottom, right = int(np.floor(y + _REACH)), int(np.floor(x + _REACH))
+            for row in range(max(top, 0), min(bottom + 1, rows)):
+                for column in range(max(left, 0), min(right + 1, columns)):
+                    if nearest[row, column] < d:
                         nearest[row, column] = d
 
 

@@ -20,7 +20,9 @@ def test_one_step_finds_the_disparity_of_a_sinusoid(truth):
     u, v = (np.array(column, dtype=np.float32) for column in zip(*offsets, strict=True))
     start = np.full((24, 24), truth + 0.05, dtype=np.float32)
     seen, out = np.ones((9, 24, 24), dtype=np.bool_), np.empty((3, 24, 24), dtype=np.float32)
-    normal_equations(_views(truth, offsets), seen, start, u, v, u == 0, (0, 24), MARGIN, np.float32(1e3), out)
+    normal_equations(
+        _views(truth, offsets), np.arange(len(u)), seen, start, u, v, u == 0, (0, 24), MARGIN, np.float32(1e3), out
+    )
     curvature, slope, residual = out
     steep = curvature > 0.2 * curvature.max()
     assert steep.mean() > 0.5
@@ -35,7 +37,7 @@ def test_a_view_that_sees_something_else_is_left_out():
     u, v = (np.array(column, dtype=np.float32) for column in zip(*offsets, strict=True))
     start, seen = np.full((24, 24), 0.32, dtype=np.float32), np.ones((5, 24, 24), dtype=np.bool_)
     out = np.empty((3, 24, 24), dtype=np.float32)
-    normal_equations(views, seen, start, u, v, u == 0, (0, 24), MARGIN, np.float32(1e-2), out)
+    normal_equations(views, np.arange(len(u)), seen, start, u, v, u == 0, (0, 24), MARGIN, np.float32(1e-2), out)
     curvature, slope, _ = out
     steep = curvature > 0.2 * curvature.max()
     assert np.abs((start + slope / curvature)[steep] - 0.3).max() < 0.01
@@ -48,7 +50,7 @@ def test_noise_does_not_shorten_the_step():
     views = _views(0.1, offsets) + np.random.default_rng(1).normal(0, 1.0, (25, 1, 40, 40)).astype("f4")
     start, seen = np.zeros((24, 24), dtype=np.float32), np.ones((25, 24, 24), dtype=np.bool_)
     out = np.empty((3, 24, 24), dtype=np.float32)
-    normal_equations(views, seen, start, u, v, u < 9, (0, 24), MARGIN, np.float32(1e3), out)
+    normal_equations(views, np.arange(len(u)), seen, start, u, v, u < 9, (0, 24), MARGIN, np.float32(1e3), out)
     assert out[1].sum() / out[0].sum() == pytest.approx(0.1, abs=0.02)
 
 
