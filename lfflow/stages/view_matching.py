@@ -115,7 +115,9 @@ def _disparity(
     hypotheses = np.arange(low, high + settings.step, settings.step).astype(np.float32)
     first = search(field, hypotheses, settings.small, settings.large, threads)
     lines = lines_of(field, first.scale, max(abs(low), abs(high)), threads)
-    sided = settle_edges(choose_sides(lines, field, first.disparity, first.edge), field.guide, rounds=3)
+    sided = settle_edges(
+        choose_sides(lines, field, first.disparity, first.edge), field.guide, rounds=3, threads=threads
+    )
     refined = refine(lines, field.guide, sided, stiffness=settings.stiffness, rounds=settings.rounds)
     std = _deviation(refined, high - low)
     return refined.disparity, std, _flags(first, refined)

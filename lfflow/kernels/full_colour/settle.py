@@ -13,6 +13,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.kernels.threads import bands, each
+
 FloatArray = npt.NDArray[np.float32]
 
 _REACH = 7
@@ -23,7 +25,7 @@ _NOTHING = 7.0
 """Exponent from which on a weight does not count."""
 
 
-def settle_edges(disparity: FloatArray, guide: FloatArray, rounds: int) -> FloatArray:
+def settle_edges(disparity: FloatArray, guide: FloatArray, rounds: int, threads: int = 1) -> FloatArray:
     """Disparity (t, s) whose jumps follow the guide.
 
     Parameters
@@ -33,21 +35,32 @@ def settle_edges(disparity: FloatArray, guide: FloatArray, rounds: int) -> Float
     """
     found = np.asarray(disparity, dtype=np.float32)
     picture = np.ascontiguousarray(guide, dtype=np.float32)
-    window = np.ones((2 * _REACH + 1, 2 * _REACH + 1), dtype=np.uint8)
     for _ in range(rounds):
-        span = cv2.dilate(found, window[:3, :3]) - cv2.erode(found, window[:3, :3])
-        near = cv2.dilate((span > _JUMP).astype(np.uint8), window).astype(np.bool_)
-        found = _settled(found, picture, near)
+        found = _settled(found, picture, threads)
     return found
 
 
-@numba.njit(nogil=True, cache=True)
-def _settled(disparity, guide, near):  # type: ignore[no-untyped-def]
-    rows, columns, channels = guide.shape
+def _settled(disparity: FloatArray, guide: FloatArray, threads: int) -> FloatArray:
+    """One round."""
+    window = np.ones((2 * _REACH + 1, 2 * _REACH + 1), dtype=np.uint8)
+    span = cv2.dilate(disparity, window[:3, :3]) - cv2.erode(disparity, window[:3, :3])
+    near = cv2.dilate((span > _JUMP).astype(np.uint8), window).astype(np.bool_)
     out = disparity.copy()
+
+    def band(rows: tuple[int, int]) -> None:
+        _settle(disparity, guide, near, rows, out)
+
+    each(band, bands(len(disparity)), threads)
+    return out
+
+
+@numba.njit(nogil=True, cache=True)
+def _settle(disparity, guide, near, span, out):  # type: ignore[no-untyped-def]
+    """Write the places of the rows first..last − 1 that change sides."""
+    rows, columns, channels = guide.shape
     side = 2 * _REACH + 1
     value, weight = np.empty(side * side, dtype=np.float32), np.empty(side * side, dtype=np.float32)
-    for t in range(rows):
+    for t in range(span[0], span[1]):
         for s in range(columns):
             if not near[t, s]:
                 continue
@@ -65,7 +78,6 @@ def _settled(disparity, guide, near):  # type: ignore[no-untyped-def]
                         count += 1
             if _elsewhere(value[:count], weight[:count], disparity[t, s]):
                 out[t, s] = _weighted_median(value[:count], weight[:count])
-    return out
 
 
 @numba.njit(nogil=True, cache=True)
