@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float32]
 
-_SPACE, _DIAMETER = 3.0, 9
+_SPACE, _DIAMETER = 3.0, 7
 _CONTRAST = 0.05
 
 
