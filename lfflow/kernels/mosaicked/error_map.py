@@ -23,9 +23,9 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-FLOOR = 0.0016
+FLOOR = 0.0017
 """What stays without noise, lens pitches per view step: the picture is read between its lenses."""
-SCATTER = 1.41
+SCATTER = 1.44
 """Std of the surface in units of what the evidence around a place leaves, times how the evidence scatters about it."""
 BEND = 0.0013
 """Bend of the surface, within a lens, that doubles the std: where it follows single places, less of them decide."""
