@@ -43,7 +43,7 @@ def test_threads_processes_and_a_cluster_give_the_bits_of_one_thread(tmp_path, c
         assert run(tmp_path / "two", captures, workers=Workers("processes", 2)).counts == {"done": 7}
     assert "dashboard: http://127.0.0.1:" in caplog.text
     assert store_content(tmp_path / "two") == expected
-    with LocalCluster(n_workers=1, threads_per_worker=3, host="127.0.0.1", dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=3, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         workers = Workers("cluster", address=cluster.scheduler_address)
         assert run(tmp_path / "tcp", captures, workers=workers).exit_code == 0
     assert store_content(tmp_path / "tcp") == expected
@@ -79,7 +79,7 @@ def test_a_cluster_behind_tls_takes_who_has_the_keys(tmp_path, captures, certifi
     security = Security(require_encryption=True, **pem)
     with LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tls://", host="127.0.0.1", security=security,
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
     ) as cluster:  # fmt: skip
         assert cluster.scheduler_address.startswith("tls://")
         workers = Workers("cluster", address=cluster.scheduler_address)
