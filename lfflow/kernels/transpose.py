@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.mosaicked.mosaic_field import shown_by
+from lfflow.kernels.weighted_median import weighted_median
 
 FloatArray = npt.NDArray[np.float32]
 ByteArray = npt.NDArray[np.uint8]
@@ -153,7 +154,7 @@ def _fuse(disparity, std, flags, distance, out_d, out_std, out_flags):  # type: 
                 out_d[t, s], out_std[t, s] = disparity[last, t, s], std[last, t, s]
                 out_flags[t, s] = flags[last, t, s]
                 continue
-            middle = _median(value[:known], weight[:known])
+            middle = weighted_median(value[:known], weight[:known])
             total, mean, variance = np.float32(0), np.float32(0), np.float32(0)
             agreeing, bits = 0, 255
             for k in range(sources):
@@ -168,19 +169,6 @@ def _fuse(disparity, std, flags, distance, out_d, out_std, out_flags):  # type: 
             out_d[t, s] = middle + mean / total
             out_std[t, s] = np.sqrt(variance / total)
             out_flags[t, s] = bits if 2 * agreeing >= known else bits | OCCLUDED
-
-
-@numba.njit(nogil=True, cache=True)
-def _median(values, weights):  # type: ignore[no-untyped-def]
-    """Lower weighted median."""
-    order = np.argsort(values)
-    half = np.float32(0.5) * weights.sum()
-    share = np.float32(0)
-    for k in order:
-        share += weights[k]
-        if share >= half:
-            return values[k]
-    return values[order[-1]]
 
 
 @numba.njit(nogil=True, cache=True)

@@ -19,7 +19,7 @@ import xarray as xr
 
 from lfflow.kernels.full_colour.field import ViewField, view_field
 from lfflow.kernels.full_colour.lines import lines_of
-from lfflow.kernels.full_colour.refine import Refined, refine
+from lfflow.kernels.full_colour.refine import Refined, around, refine
 from lfflow.kernels.full_colour.search import Found, search
 from lfflow.kernels.full_colour.settle import settle_edges
 from lfflow.kernels.full_colour.sides import choose_sides
@@ -140,16 +140,11 @@ def _deviation(refined: Refined, width: float) -> FloatArray:
     Without any data it is the width of the range. The errors of HCI antinous and of rendered scenes with slanted planes
     lie within it for 60 to 80 %.
     """
-    around = _around(refined.information)
-    apart = _around(refined.information * (refined.own - refined.disparity) ** 2) / np.maximum(around, 1e-9)
+    told = around(refined.information)
+    apart = around(refined.information * (refined.own - refined.disparity) ** 2) / np.maximum(told, 1e-9)
     bend = cv2.Laplacian(cv2.blur(refined.disparity, (3, 3)), cv2.CV_32F)
-    variance = 1 / (5 * around + 1 / width**2) + apart + (2 * bend) ** 2
+    variance = 1 / (5 * told + 1 / width**2) + apart + (2 * bend) ** 2
     return np.asarray(np.minimum(1.1 * np.sqrt(variance), width), dtype=np.float32)
-
-
-def _around(values: FloatArray) -> FloatArray:
-    """Mean over 5 × 5 places, none below 0, where the running sums of the blur may leave it."""
-    return np.maximum(cv2.blur(values, (5, 5)), np.float32(0))
 
 
 def _flags(first: Found, refined: Refined) -> npt.NDArray[np.uint8]:

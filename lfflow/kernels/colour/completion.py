@@ -42,8 +42,10 @@ def complete_centre(
     doubt = np.where(known, std, 1).astype(np.float32) ** 2
     pitch = np.float32(field.row_pitch)
 
+    views = field.views(0, within)
+
     def band(span: tuple[int, int]) -> None:
-        for j, i in field.views(0, within):
+        for j, i in views:
             view = field.mosaic[j, i], field.cfa[j, i], field.weight[j, i]
             place = np.float32(field.u[i]), np.float32(field.v[j])
             _gather(view, place, field.rho, field.offset, pitch, d, doubt, np.float32(reach), span, picture, weight,

@@ -71,6 +71,11 @@ def _fit(
     return step.astype(np.float32), curvature, residual
 
 
+def around(values: FloatArray) -> FloatArray:
+    """Mean over 5 × 5 places, none below 0, where the running sums of the blur may leave it."""
+    return np.maximum(cv2.blur(values, (5, 5)), np.float32(0))
+
+
 def _thinned(lines: Lines) -> IntArray:
     """Every other view, as on a chessboard: near enough for a step that another follows."""
     return np.flatnonzero((lines.u + lines.v) % 2 == 0)
@@ -100,8 +105,7 @@ def refine(lines: Lines, guide: FloatArray, start: FloatArray, *, stiffness: flo
         information = (curvature / np.maximum(residual, noise)).astype(np.float32)
         own: FloatArray = disparity + step
         told = information * np.float32(0.5)
-        around = np.maximum(cv2.blur(told, (5, 5)), 0)
-        jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * around + 1)).astype(np.float32)
+        jump = np.sqrt(_JUMP**2 + _DOUBT / (25 * around(told) + 1)).astype(np.float32)
         disparity = fit_surface(own, told, disparity, guide, axes, stiffness=stiffness, jump=jump, edge=_EDGE,
                                 rounds=2)  # fmt: skip
     return Refined(disparity, own, information, residual, noise)

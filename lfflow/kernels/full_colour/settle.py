@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfflow.kernels.threads import bands, each
+from lfflow.kernels.weighted_median import weighted_median
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -77,7 +78,7 @@ def _settle(disparity, guide, near, span, out):  # type: ignore[no-untyped-def]
                         weight[count] = math.exp(-exponent)
                         count += 1
             if _elsewhere(value[:count], weight[:count], disparity[t, s]):
-                out[t, s] = _weighted_median(value[:count], weight[:count])
+                out[t, s] = weighted_median(value[:count], weight[:count])
 
 
 @numba.njit(nogil=True, cache=True)
@@ -91,13 +92,3 @@ def _elsewhere(value, weight, own):  # type: ignore[no-untyped-def]
         elif value[k] > own + _CHANGE:
             above += weight[k]
     return max(below, above) > total / 2
-
-
-@numba.njit(nogil=True, cache=True)
-def _weighted_median(value, weight):  # type: ignore[no-untyped-def]
-    half, so_far = weight.sum() / 2, 0.0
-    for k in np.argsort(value):
-        so_far += weight[k]
-        if so_far >= half:
-            return value[k]
-    return value[0]

@@ -97,7 +97,7 @@ def error_map(
 def _of_surface(disparity: FloatArray, told: Evidence, field: MosaicField) -> FloatArray:
     """Std (t, s) of a surface through the evidence of all places around."""
     known = np.isfinite(disparity)
-    weights = block_weights(AROUND, field.row_pitch, brick=bool(field.offset.max() > 0))
+    weights = block_weights(AROUND, field.row_pitch, brick=field.brick)
     around, share = (
         block_sum(one.astype(np.float32), field.offset, *weights) for one in (told.information * known, known)
     )

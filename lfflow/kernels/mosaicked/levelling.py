@@ -91,7 +91,7 @@ def levelled(
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
-def _differences(view, place, rho, offset, pitch, padded, disparity, limit, total):  # type: ignore[no-untyped-def]
+def _differences(view, place, rho, offset, pitch, picture, disparity, limit, total):  # type: ignore[no-untyped-def]
     """Add to (2, t, s), at the places of the view's own samples, their differences and weights."""
     mosaic, cfa, confidence = view
     u, v = place
@@ -108,7 +108,7 @@ def _differences(view, place, rho, offset, pitch, padded, disparity, limit, tota
                 continue
             x = np.float32(column) + offset[row] + d * (u + rho[0, row, column])
             y = np.float32(row) + d * (v + rho[1, row, column]) * rows_per_lens
-            r = mosaic[row, column] - read_between(padded, offset, x, y, cfa[row, column])
+            r = mosaic[row, column] - read_between(picture, offset, x, y, cfa[row, column])
             robust = one / (one + r * r * narrow)
             w = confidence[row, column] * robust * robust
             total[0, row, column] += w * r

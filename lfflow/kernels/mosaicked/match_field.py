@@ -214,7 +214,7 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
         if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
-        found = _decide(fused, labels, None, options, brick=_is_brick(field))
+        found = _decide(fused, labels, None, options, brick=field.brick)
         share = float(clear.sum() / max(inside(field).sum(), 1))
         if options.hypotheses is None and share > ENOUGH_CLEAR:
             found = np.clip(found, *_span(found[clear]))
@@ -261,7 +261,7 @@ def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: M
     costs = model_costs(field, picture, labels, views=outer, sigma=SECOND_BLOCK, limit=2.7 * noise, band=_band(first),
                         threads=options.threads)  # fmt: skip
     fused = fuse_costs(costs, labels, options.fusion)
-    found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=_is_brick(field))
+    found = _decide(fused, labels, guide, options, edge=_edge(noise), brick=field.brick)
     return np.where(np.isfinite(found), found, first).astype(np.float32)
 
 
@@ -323,7 +323,3 @@ def _edge(noise: float) -> float:
 def _doubt(disparity: FloatArray, reach: int) -> FloatArray:
     """How far off a disparity may be where it is used to collect colours: near a step it may be the other side's."""
     return 0.02 + half_range(disparity, reach)
-
-
-def _is_brick(field: MosaicField) -> bool:
-    return bool(field.offset.max() > 0)

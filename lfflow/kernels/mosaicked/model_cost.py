@@ -61,7 +61,7 @@ def model_costs(
     """
     group = sectors(field.u, field.v, count)
     rows, columns = picture.shape[1:]
-    blocks = block_weights(sigma, field.row_pitch, brick=bool(field.offset.max() > 0))
+    blocks = block_weights(sigma, field.row_pitch, brick=field.brick)
     out = np.empty((count, len(hypotheses), rows, columns), dtype=np.float32)
     margin = 3 + int(np.ceil(np.abs(hypotheses).max()))
     padded = np.pad(picture, ((0, 0), (margin, margin), (margin, margin)), mode="edge")

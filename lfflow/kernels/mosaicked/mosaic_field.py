@@ -65,6 +65,11 @@ class MosaicField(NamedTuple):
         square = np.add.outer(self.v**2, self.u**2)
         return float(np.sqrt(2 * (light * square).sum() / max(light.sum(), 1e-12)))
 
+    @property
+    def brick(self) -> bool:
+        """Whether every other row lies half a lens aside."""
+        return bool(self.offset.max() > 0)
+
     def has(self, u: int, v: int) -> bool:
         """Whether the field holds this view."""
         return bool((self.u == u).any() and (self.v == v).any())

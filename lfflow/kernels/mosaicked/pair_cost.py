@@ -82,7 +82,7 @@ def pair_cost(
     """
     mine = field.view(*reference)
     other = field.view(reference[0] + pair[0], reference[1] + pair[1])
-    blocks = block_weights(sigma, field.row_pitch, brick=bool(field.offset.max() > 0))
+    blocks = block_weights(sigma, field.row_pitch, brick=field.brick)
     out = np.empty((len(hypotheses), *mine[0].shape), dtype=np.float32)
     for h, d in enumerate(np.asarray(hypotheses, dtype=np.float64)):
         error, support = squared_error(field, mine, other, pair, float(d), interpolation, rest)

@@ -86,7 +86,7 @@ def evidence(
         _sums(samples, asked, axes, field.rho, field.offset, pitch, patch, start, tolerance, span, sums)
 
     each(band, bands(rows), threads)
-    brick = bool(field.offset.max() > 0)
+    brick = field.brick
     weights = block_weights(BLOCK, field.row_pitch, brick=brick)
     bend, slope, square, weight = (block_sum(one, field.offset, *weights) for one in sums)
     residual = np.maximum(square / np.maximum(weight, 1e-6), np.float32(noise**2))

@@ -91,8 +91,7 @@ def _may_hide(disparity: FloatArray, known: npt.NDArray[np.bool_], field: Mosaic
 def _farthest(field: MosaicField) -> float:
     """Distance, lens pitches, within which any place has a lens; a little more, for surfaces that are stretched."""
     pitch = field.row_pitch
-    brick = bool(field.offset.max() > 0)
-    return 1.05 * ((pitch**2 + 0.25) / (2 * pitch) if brick else math.hypot(0.5, pitch / 2))
+    return 1.05 * ((pitch**2 + 0.25) / (2 * pitch) if field.brick else math.hypot(0.5, pitch / 2))
 
 
 def _disagreement(total: FloatArray, limit: float) -> FloatArray:
