@@ -55,7 +55,7 @@ _CAMERA_TEXT = tuple(
         ("camera_serial", "serial number of the camera"),
     )
 )
-_TIME = (Variable("time", (), "datetime64[ns]", "time of the exposure (UTC)", coordinate=True, required=False),)
+_TIME = (Variable("time", (), "datetime64[ns]", "time of the exposure (UTC)", "", coordinate=True, required=False),)
 _OPTICS = tuple(
     Variable(name, (), "float64", text, units, coordinate=True, required=False)
     for name, text, units in (

@@ -21,7 +21,7 @@ class Variable:
     name, dims, dtype
         As in the dataset; ``dims`` leave out ``capture``, which stores add in front of all but the axes.
     long_name, units
-        CF attributes; "1" is dimensionless.
+        CF attributes; "1" is dimensionless, "" of a time, whose units belong to its encoding.
     flags
         Meaning of each value (bits where `flag_bits`), written as CF ``flag_values`` or ``flag_masks``.
     coordinate
@@ -49,7 +49,9 @@ class Variable:
     @property
     def attrs(self) -> dict[str, Any]:
         """CF attributes of the variable."""
-        attrs: dict[str, Any] = {"long_name": self.long_name, "units": self.units}
+        attrs: dict[str, Any] = {"long_name": self.long_name}
+        if self.units:
+            attrs["units"] = self.units
         if self.flags:
             key = "flag_masks" if self.flag_bits else "flag_values"
             attrs[key] = np.array(list(self.flags.values()), dtype=self.dtype)

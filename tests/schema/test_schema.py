@@ -67,3 +67,9 @@ def test_flags_follow_cf() -> None:
 def test_documentation_shows_the_declaration(name: str) -> None:
     text = (Path(__file__).parents[2] / "data" / "README.md").read_text()
     assert SCHEMAS[name].table() in text
+
+
+def test_a_time_is_written_by_xarray(tmp_path: Path) -> None:
+    ds = LIGHTFIELD.annotate(small_lightfield().assign_coords(time=np.datetime64("2012-08-15T04:47:08", "ns")))
+    ds.to_zarr(tmp_path / "lf.zarr", zarr_format=3, consolidated=False)
+    xr.testing.assert_identical(xr.open_zarr(tmp_path / "lf.zarr", consolidated=False).load(), ds)
