@@ -67,8 +67,12 @@ MOSTLY_NOISE = 0.25
 """Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP, STEPS = 2e4, 0.02, 60
-"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
+STIFFNESS, JUMP, STEPS, BREAKS = 2e4, 0.02, 60, 8
+"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle, and
+jumps that nothing tells of heal from their ends, by as many lenses as the surface's breaks are sought again."""
+QUIET, FEWEST, MOST = 0.008, 2, 8
+"""The samples are asked this noise over their own times, within bounds: the less noise, the less may differ and yet be
+alike, and the shorter the way that one answer leads."""
 MOST_DOUBT = 0.03
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
 TELLING = 0.45
@@ -140,9 +144,12 @@ def _refined(field: MosaicField, found: FloatArray, noise: float, options: Match
     """Disparity below the step of the hypotheses, its jumps in their places, and what the samples told of it."""
     axes = lattice_axes(field.offset)
     telling = field.views(TELLING * field.aperture())
-    for views in (telling[::2], telling):
+    turns = int(np.clip(round(QUIET / noise), FEWEST, MOST))
+    for turn in range(turns):
+        last = turn == turns - 1
+        views = telling if last else telling[turn % 2 :: 2]
         picture, _ = complete_centre(field, found, _doubt(found, 2), threads=options.threads)
-        if options.second_pass and views is not telling:
+        if options.second_pass and not last:
             field = _levelled(field, telling, picture, found, noise, options)
         told = evidence(field, picture, found, views=views, noise=noise, threads=options.threads)
         if not options.regularise:
@@ -152,7 +159,7 @@ def _refined(field: MosaicField, found: FloatArray, noise: float, options: Match
         doubt = np.minimum(told.own, MOST_DOUBT)
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
-                            jump=np.hypot(JUMP, doubt), edge=_edge(noise), iterations=STEPS)  # fmt: skip
+                            jump=np.hypot(JUMP, doubt), edge=_edge(noise), rounds=BREAKS, iterations=STEPS)  # fmt: skip
     if options.second_pass and options.regularise:
         found = choose_sides(found, picture, field, noise, options.threads)
         found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)

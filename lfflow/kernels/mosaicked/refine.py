@@ -26,6 +26,8 @@ BLOCK, COMPANY = 0.7, 1.2
 """Gaussian blocks, lens pitches: of the step, and of what has a lens's own colour."""
 LARGEST = 0.1
 """Longest step, lens pitches per view step; beyond it the picture is not linear."""
+LIMIT, LEAST_LIMIT = 4.5, 0.015
+"""Residual beyond which a sample counts as hidden: in units of the noise, and at least."""
 NOISE_SLOPE = 0.3
 """Mean square of the slope along d that noise alone makes: this times its variance and the aperture's radius squared.
 
@@ -56,7 +58,6 @@ def evidence(
     *,
     views: Sequence[tuple[int, int]],
     noise: float,
-    limit: float = 4.5,
     alike: float = 4.0,
     threads: int = 1,
 ) -> Evidence:
@@ -68,8 +69,6 @@ def evidence(
         Places (v, u) in the arrays of the views that are asked.
     noise
         Standard deviation of a sample, in units of the mosaic.
-    limit
-        Residual, in units of the noise, beyond which a sample counts as hidden.
     alike
         Mean difference of the colours, in units of the noise, beyond which a place hardly has the lens's colour.
     """
@@ -79,7 +78,7 @@ def evidence(
     asked = np.array(views, dtype=np.int64).reshape(-1, 2)
     samples = field.mosaic, field.cfa, field.weight
     axes = field.u.astype(np.float32), field.v.astype(np.float32)
-    pitch, tolerance = np.float32(field.row_pitch), np.float32(limit * noise)
+    pitch, tolerance = np.float32(field.row_pitch), np.float32(max(LIMIT * noise, LEAST_LIMIT))
     sums = np.zeros((4, rows, columns), dtype=np.float32)
 
     def band(span: tuple[int, int]) -> None:
