@@ -21,6 +21,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.aggregate import regularise
 from lfflow.kernels.colour.completion import complete_centre
+from lfflow.kernels.mosaicked.clarity import is_clear, noise_level, told_range
 from lfflow.kernels.mosaicked.edge_place import place_edges
 from lfflow.kernels.mosaicked.error_map import TEXTURELESS, error_map, half_range
 from lfflow.kernels.mosaicked.fusion import Fusion, fuse_costs
@@ -54,10 +55,6 @@ EDGE, LEAST_EDGE = 1.5, 0.02
 2.7 times cheaper, and loosens the surface to half."""
 PAIR_NOISE = 1.2
 """Mean square of the difference of a sample and an interpolated one, in units of the variance of one."""
-ENOUGH_CLEAR = 0.01
-"""Share of the places that must be clear for their disparities to bound those of all."""
-CLEAR = 4.0
-"""A block is clear when its mean cost exceeds its smallest by this many times the cost of what fits."""
 STRANGE, UNEVEN = 6.0, 0.1
 """Differences of a view from the picture, in units of a sample's noise: of one sample that shows something else, and of
 the mean over several lenses where the light of the view is another."""
@@ -216,15 +213,17 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
         fresh = np.stack(each(partial(_pair_cost, fields, beyond, options), pairs, options.threads))
         costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
-        clear = _is_clear(fused) & inside(field)
+        within = inside(field)
+        clear = is_clear(fused) & within
         best = np.abs(minimum(fused, labels, "none")[0])[clear]
         if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
         found = _decide(fused, labels, None, options, brick=field.brick)
-        share = float(clear.sum() / max(inside(field).sum(), 1))
-        if options.hypotheses is None and share > ENOUGH_CLEAR:
-            found = np.clip(found, *_span(found[clear]))
+        told = told_range(fused, labels, found, within, field.row_pitch)
+        if options.hypotheses is None and told is not None:
+            found = np.clip(found, *told)
+        share = float(clear.sum() / max(within.sum(), 1))
         return First(found, float(np.sqrt(noise_level(fused) / PAIR_NOISE)), share)
 
 
@@ -236,23 +235,9 @@ def _pair_cost(
     return costs[0] if len(costs) == 1 else np.mean(costs, axis=0, dtype=np.float32)
 
 
-def _is_clear(cost: FloatArray) -> npt.NDArray[np.bool_]:
-    """Places (t, s) whose block has enough texture for its smallest cost to stand out of the noise."""
-    known = np.isfinite(cost)
-    mean = np.where(known, cost, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    least = np.where(known, cost, np.inf).min(axis=0)
-    return np.asarray((mean > least + CLEAR * noise_level(cost)) & known.any(axis=0))
-
-
 def _presses(away: FloatArray, border: float) -> bool:
     """Whether disparities of clear places, at `away` from 0, lie at the border of the range."""
     return bool(away.size) and float(np.mean(away > border)) > PRESSED
-
-
-def _span(found: FloatArray) -> tuple[float, float]:
-    """Range of the disparities of clear places, a little wider."""
-    low, high = np.quantile(found, (0.01, 0.99))
-    return float(low) - 0.15, float(high) + 0.15
 
 
 def _second_pass(field: MosaicField, first: FloatArray, noise: float, options: Matching) -> FloatArray:
@@ -310,16 +295,6 @@ def _decide(
     penalties = dict(zip(("small", "large"), FIRST_PENALTIES if picture is None else SECOND_PENALTIES, strict=True))
     guide = None if picture is None else np.moveaxis(picture, 0, -1)
     return regularise(cost, labels, guide, brick=brick, edge=edge, scale=noise_level(cost), **penalties)
-
-
-def noise_level(cost: FloatArray) -> float:
-    """What a cost (hypothesis, t, s) is where it fits: the lower quartile over the places of their smallest cost.
-
-    Unlike the contrast of the costs it depends on the noise alone, not on how much texture a picture has.
-    """
-    least = np.where(np.isfinite(cost), cost, np.inf).min(axis=0)
-    least = least[np.isfinite(least)]
-    return max(float(np.quantile(least, 0.25)), 1e-6) if least.size else 1e-6
 
 
 def _edge(noise: float) -> float:
