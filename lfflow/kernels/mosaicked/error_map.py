@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from lfflow.kernels.mosaicked.block import block_sum, block_weights
 from lfflow.kernels.mosaicked.mosaic_field import MosaicField
-from lfflow.kernels.mosaicked.refine import Evidence
+from lfflow.kernels.mosaicked.refine import AROUND, Evidence
 from lfflow.kernels.surface import lattice_axes
 
 FloatArray = npt.NDArray[np.float32]
@@ -23,11 +23,12 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-FLOOR = 0.0017
-"""What stays without noise, lens pitches per view step: the picture is read between its lenses."""
-SCATTER = 1.44
+FLOOR, CARRIERS = 0.0013, 900.0
+"""What stays without noise, lens pitches per view step, where so many samples carry the information around: the picture
+is read between its lenses, and what it is wrong by averages out over those samples."""
+SCATTER = 1.25
 """Std of the surface in units of what the evidence around a place leaves, times how the evidence scatters about it."""
-BEND = 0.0013
+BEND = 0.0008
 """Bend of the surface, within a lens, that doubles the std: where it follows single places, less of them decide."""
 OF_BLOCK = 0.5
 """Std of a place that is not held by its surroundings, in units of what the closed formula says of its block."""
@@ -39,8 +40,6 @@ STEP = 0.08
 """Half the difference of the disparities within two lenses beyond which a place may belong to either side."""
 TEXTURELESS = 0.05
 """Std, from what has the lens's own colour, beyond which the picture does not tell its disparity."""
-AROUND = 2.0
-"""Gaussian, lens pitches, over which the evidence for a surface is collected."""
 LEAST_KNOWN = 0.3
 """Largest standard deviation that is stated, lens pitches per view step."""
 
@@ -68,12 +67,12 @@ def error_map(
 
     The std is what the closed formula leaves of the evidence around a place, times how much more than that formula says
     the evidence scatters about the surface, times a factor that grows where the surface bends: there fewer places hold
-    it, and what bends without need follows errors. At the border, where the surface is held and the views are seen from
-    one side only, it is divided by the square of the share of the surroundings that there is. The constants are
-    calibrated on simulated captures of both cameras and of several sensitivities. Beside a step it is no more than half
-    of the step, and the place is flagged occluded: it belongs to either side. Without texture, part of what the place
-    knows by itself is added: what fills it may be another surface's. What is not `filled` from around has the std of
-    its own block.
+    it, and what bends without need follows errors. It is no less than a floor, which is higher where few samples carry
+    the information. At the border, where the surface is held and the views are seen from one side only, it is divided
+    by the square of the share of the surroundings that there is. The constants are calibrated on simulated captures of
+    both cameras and of several sensitivities. Beside a step it is no more than half of the step, and the place is
+    flagged occluded: it belongs to either side. Without texture, part of what the place knows by itself is added: what
+    fills it may be another surface's. What is not `filled` from around has the std of its own block.
     """
     known = np.isfinite(disparity)
     step = half_range(disparity)
@@ -101,13 +100,14 @@ def _of_surface(disparity: FloatArray, told: Evidence, field: MosaicField) -> Fl
     around, share = (
         block_sum(one.astype(np.float32), field.offset, *weights) for one in (told.information * known, known)
     )
-    lenses = 4 * np.pi * AROUND**2 * 2 / np.sqrt(3)
+    lenses = 4 * np.pi * AROUND**2 / field.row_pitch
     formula = 1 / np.sqrt(lenses * around + LEAST_KNOWN**-2)
     away = told.information * np.where(known, told.disparity - disparity, 0) ** 2
     scatter = block_sum(np.minimum(away, STRAY**2).astype(np.float32), field.offset, *weights)
     scatter = np.sqrt(scatter / np.maximum(share, 1e-6))
     bend = maximum_filter(_bend(np.where(known, disparity, np.nan), lattice_axes(field.offset)), 3)
-    std: FloatArray = np.hypot(FLOOR, SCATTER * scatter * formula * (1 + bend / BEND)) / np.maximum(share, 0.1) ** 2
+    floor = FLOOR * np.sqrt(CARRIERS / told.carriers)
+    std: FloatArray = np.hypot(floor, SCATTER * scatter * formula * (1 + bend / BEND)) / np.maximum(share, 0.1) ** 2
     return std
 
 

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfflow.conventions import CFA_NONE
 from lfflow.kernels.colour.completion import complete_centre
-from lfflow.kernels.mosaicked.refine import evidence
+from lfflow.kernels.mosaicked.refine import AROUND, evidence
 
 SHAPE = (40, 46)
 
@@ -28,3 +29,19 @@ def test_threads_do_not_change_a_bit(slab):
     start = np.full(SHAPE, 0.3, dtype="f4")
     for one, other in zip(told(slab, start), told(slab, start, threads=3), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_carriers_are_the_samples_that_have_texture(slab):
+    start = np.full(SHAPE, 0.3, dtype="f4")
+    inner = (slice(8, -8), slice(8, -8))
+    everything = np.median(told(slab, start).carriers[inner])
+    lenses = 4 * np.pi * AROUND**2 / slab.row_pitch
+    samples = (slab.cfa[:, :, 8:-8, 8:-8] != CFA_NONE).sum() / slab.cfa[0, 0, 8:-8, 8:-8].size
+    assert 0.2 * lenses * samples < everything < lenses * samples
+    plain = [slab.cfa == colour for colour in (0, 2)]
+    mosaic = slab.mosaic.copy()
+    for where in plain:
+        mosaic[where] = mosaic[where].mean()
+    green = np.median(told(slab._replace(mosaic=mosaic), start).carriers[inner])
+    share = (slab.cfa == 1).sum() / (slab.cfa != CFA_NONE).sum()
+    assert green / everything == pytest.approx(share, abs=0.1)
