@@ -41,7 +41,7 @@ def benchmark(
     from lfflow.stages.view_matching import disparity_of_views
 
     truth = read_pfm(gt or _truth_in(folder))
-    views = open_views(folder).load()
+    views = open_views(folder).chunk(v=1).load()  # decoded on all cores
     expected = (views.sizes["t"], views.sizes["s"])
     if truth.shape != expected:
         raise NoTruthError(

@@ -32,7 +32,7 @@ def disparity(
     from lfflow.formats.views import open_views
     from lfflow.stages.view_matching import disparity_of_views
 
-    views = open_views(folder).load()
+    views = open_views(folder).chunk(v=1).load()  # decoded on all cores
     start = time.process_time()
     found = disparity_of_views(views, disparity_range=range, threads=os.cpu_count() or 1)
     seconds = time.process_time() - start

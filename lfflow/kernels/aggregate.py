@@ -13,6 +13,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from lfflow.kernels.threads import each
+
 FloatArray = npt.NDArray[np.float32]
 
 _FLAGS = {"nnan", "nsz", "contract"}
@@ -30,6 +32,7 @@ def regularise(
     edge: float = 0.08,
     brick: bool = False,
     scale: float | None = None,
+    threads: int = 1,
 ) -> FloatArray:
     """Disparity (t, s) of the smoothest cheap surface through a cost volume, refined below the step by a parabola.
 
@@ -48,12 +51,15 @@ def regularise(
         Unit of the penalties; the median over all places of (mean − smallest cost) when not given.
     brick
         Rows are those of the brick layout: odd rows lie half a lens to the right, six neighbours instead of eight.
+    threads
+        Cores to use, of which two find work; the result does not depend on it.
 
     Returns
     -------
     Disparity (t, s) float32; NaN where no hypothesis has a cost anywhere on its paths.
     """
-    total, _ = accumulate(cost, guide, small=small, large=large, edge=edge, brick=brick, scale=scale)
+    total, _ = accumulate(cost, guide, small=small, large=large, edge=edge, brick=brick, scale=scale,
+                          threads=threads)  # fmt: skip
     return winner(total, np.asarray(hypotheses, dtype=np.float32))
 
 
@@ -66,6 +72,7 @@ def accumulate(
     edge: float = 0.08,
     brick: bool = False,
     scale: float | None = None,
+    threads: int = 1,
 ) -> tuple[FloatArray, float]:
     """Sum of all path costs (t, s, hypothesis), and the unit of the penalties; arguments as in `regularise`."""
     ready = defined(np.moveaxis(cost, 0, -1))
@@ -75,11 +82,16 @@ def accumulate(
         np.zeros((rows, columns, 1), dtype=np.float32) if guide is None else np.ascontiguousarray(guide, "float32")
     )
     offsets = _BRICK if brick else _SQUARE
-    total = np.zeros_like(ready)
-    for step in (1, -1):
+
+    def sweep(step: int) -> FloatArray:
+        part = np.zeros_like(ready)
         _sweep(
-            ready, picture, offsets, step, np.float32(small * unit), np.float32(large * unit), np.float32(edge), total
+            ready, picture, offsets, step, np.float32(small * unit), np.float32(large * unit), np.float32(edge), part
         )
+        return part
+
+    total, other = each(sweep, (1, -1), threads)
+    total += other
     return total, unit
 
 

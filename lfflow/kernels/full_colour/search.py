@@ -113,7 +113,8 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
         cost[h] = along_edges(cost[h])
 
     each(smooth, range(len(hypotheses)), threads)
-    total, unit = accumulate(cost, field.guide, small=small, large=large * (1 + (noisy / _MUCH) ** 2), edge=_EDGE)
+    total, unit = accumulate(cost, field.guide, small=small, large=large * (1 + (noisy / _MUCH) ** 2), edge=_EDGE,
+                             threads=threads)  # fmt: skip
     sure = cost.mean(axis=0) - cost.min(axis=0) > 0.5 * unit
     return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale, flat)
 

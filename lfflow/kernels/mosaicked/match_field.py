@@ -294,7 +294,8 @@ def _decide(
         return minimum(cost, labels, options.cost_interpolation)[0]
     penalties = dict(zip(("small", "large"), FIRST_PENALTIES if picture is None else SECOND_PENALTIES, strict=True))
     guide = None if picture is None else np.moveaxis(picture, 0, -1)
-    return regularise(cost, labels, guide, brick=brick, edge=edge, scale=noise_level(cost), **penalties)
+    return regularise(cost, labels, guide, brick=brick, edge=edge, scale=noise_level(cost), threads=options.threads,
+                      **penalties)  # fmt: skip
 
 
 def _edge(noise: float) -> float:
