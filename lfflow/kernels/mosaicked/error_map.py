@@ -23,10 +23,10 @@ SATURATED: Final = 4
 OCCLUDED: Final = 8
 FILLED: Final = 16
 
-FLOOR, CARRIERS = 0.0013, 900.0
-"""What stays without noise, lens pitches per view step, where so many samples carry the information around: the picture
-is read between its lenses, and what it is wrong by averages out over those samples."""
-SCATTER = 1.25
+FLOOR = 0.00072
+"""What stays without noise where all samples carry the information, lens pitches per view step: the picture is read
+between its lenses, and what it is wrong by averages out over the samples that do."""
+SCATTER = 1.15
 """Std of the surface in units of what the evidence around a place leaves, times how the evidence scatters about it."""
 BEND = 0.0008
 """Bend of the surface, within a lens, that doubles the std: where it follows single places, less of them decide."""
@@ -67,12 +67,12 @@ def error_map(
 
     The std is what the closed formula leaves of the evidence around a place, times how much more than that formula says
     the evidence scatters about the surface, times a factor that grows where the surface bends: there fewer places hold
-    it, and what bends without need follows errors. It is no less than a floor, which is higher where few samples carry
-    the information. At the border, where the surface is held and the views are seen from one side only, it is divided
-    by the square of the share of the surroundings that there is. The constants are calibrated on simulated captures of
-    both cameras and of several sensitivities. Beside a step it is no more than half of the step, and the place is
-    flagged occluded: it belongs to either side. Without texture, part of what the place knows by itself is added: what
-    fills it may be another surface's. What is not `filled` from around has the std of its own block.
+    it, and what bends without need follows errors. It is no less than a floor, which is higher where few of the samples
+    carry the information. At the border, where the surface is held and the views are seen from one side only, it is
+    divided by the square of the share of the surroundings that there is. The constants are calibrated on simulated
+    captures of both cameras and of several sensitivities. Beside a step it is no more than half of the step, and the
+    place is flagged occluded: it belongs to either side. Without texture, part of what the place knows by itself is
+    added: what fills it may be another surface's. What is not `filled` from around has the std of its own block.
     """
     known = np.isfinite(disparity)
     step = half_range(disparity)
@@ -81,7 +81,7 @@ def error_map(
         std = _of_surface(disparity, told, field)
         std[beside] = np.minimum(std, step)[beside]
     else:
-        std = np.hypot(FLOOR, OF_BLOCK / np.sqrt(told.information + LEAST_KNOWN**-2))
+        std = np.hypot(FLOOR / np.sqrt(told.carriers), OF_BLOCK / np.sqrt(told.information + LEAST_KNOWN**-2))
         std[beside] = np.maximum(std, step)[beside]
     plain = told.own > TEXTURELESS
     std[plain] = np.hypot(std, OWN_SHARE * told.own)[plain]
@@ -106,7 +106,7 @@ def _of_surface(disparity: FloatArray, told: Evidence, field: MosaicField) -> Fl
     scatter = block_sum(np.minimum(away, STRAY**2).astype(np.float32), field.offset, *weights)
     scatter = np.sqrt(scatter / np.maximum(share, 1e-6))
     bend = maximum_filter(_bend(np.where(known, disparity, np.nan), lattice_axes(field.offset)), 3)
-    floor = FLOOR * np.sqrt(CARRIERS / told.carriers)
+    floor = FLOOR / np.sqrt(told.carriers)
     std: FloatArray = np.hypot(floor, SCATTER * scatter * formula * (1 + bend / BEND)) / np.maximum(share, 0.1) ** 2
     return std
 

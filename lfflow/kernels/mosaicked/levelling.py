@@ -22,17 +22,22 @@ from lfflow.kernels.threads import each
 FloatArray = npt.NDArray[np.float32]
 
 DARKEST, LIGHTEST = 0.5, 2.0
-"""Middle sample of a view, as a share of that of the central one, beyond which the view is no picture of the scene."""
+"""Middle samples of a view as a share of those of the central one, beyond which the view is no picture of the scene."""
 
 
 def without_strangers(field: MosaicField) -> MosaicField:
-    """Field without the views that are far darker or lighter than the central one: black, where others see."""
-    light = {at: _middle(field.mosaic[at], field.cfa[at]) for at in field.views()}
+    """Field without the views that are far darker or lighter than the central one: black, where others see.
+
+    Colours are compared each with itself: a view may hold more of one than another view does.
+    """
     mosaic, cfa, _ = field.view(0, 0)
-    if not (cfa != CFA_NONE).any():
-        return field
-    middle = _middle(mosaic, cfa)
-    strangers = [at for at, own in light.items() if not DARKEST * middle <= own <= LIGHTEST * middle]
+    middle = _middles(mosaic, cfa)
+    strangers = []
+    for at in field.views():
+        own = _middles(field.mosaic[at], field.cfa[at])
+        both = np.isfinite(own) & np.isfinite(middle)
+        if both.any() and not DARKEST * middle[both].sum() <= own[both].sum() <= LIGHTEST * middle[both].sum():
+            strangers.append(at)
     if not strangers:
         return field
     cfas, weights, mosaics = field.cfa.copy(), field.weight.copy(), field.mosaic.copy()
@@ -41,10 +46,15 @@ def without_strangers(field: MosaicField) -> MosaicField:
     return field._replace(cfa=cfas, weight=weights, mosaic=mosaics)
 
 
-def _middle(mosaic: FloatArray, cfa: npt.NDArray[np.uint8]) -> float:
-    """Median of the samples of every third row, or of all where those have none."""
-    some = mosaic[::3][cfa[::3] != CFA_NONE]
-    return float(np.median(some if some.size else mosaic[cfa != CFA_NONE]))
+def _middles(mosaic: FloatArray, cfa: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Median (colour,) of the samples of each colour in every third row, or in all where those have none; NaN."""
+    out = np.full(3, np.nan)
+    for colour in range(3):
+        some = mosaic[::3][cfa[::3] == colour]
+        some = some if some.size else mosaic[cfa == colour]
+        if some.size:
+            out[colour] = np.median(some)
+    return out
 
 
 def levelled(

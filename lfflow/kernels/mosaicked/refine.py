@@ -24,6 +24,8 @@ FloatArray = npt.NDArray[np.float32]
 
 BLOCK, COMPANY, AROUND = 0.7, 1.2, 2.0
 """Gaussian blocks, lens pitches: of the step, of what has a lens's own colour, and of what holds the surface."""
+LEAST_SHARE = 0.01
+"""Smallest share of the samples that is told."""
 LARGEST = 0.1
 """Longest step, lens pitches per view step; beyond it the picture is not linear."""
 LIMIT, LEAST_LIMIT = 4.5, 0.015
@@ -45,8 +47,8 @@ class Evidence(NamedTuple):
         Its standard deviation from those places alone that have the lens's colour: large where an edge nearby, which
         may be another surface's, is all that there is to tell.
     carriers
-        Number of samples around that carry the information about a surface: of the same samples, few do at a sharp edge
-        of one colour, many in fine texture of all colours.
+        Share of the samples around that carry the information about a surface: few do at a sharp edge or where one
+        colour alone has texture.
     """
 
     disparity: FloatArray
@@ -83,7 +85,7 @@ def evidence(
     samples = field.mosaic, field.cfa, field.weight
     axes = field.u.astype(np.float32), field.v.astype(np.float32)
     pitch, tolerance = np.float32(field.row_pitch), np.float32(max(LIMIT * noise, LEAST_LIMIT))
-    sums = np.zeros((5, rows, columns), dtype=np.float32)
+    sums = np.zeros((6, rows, columns), dtype=np.float32)
 
     def band(span: tuple[int, int]) -> None:
         _sums(samples, asked, axes, field.rho, field.offset, pitch, patch, start, tolerance, span, sums)
@@ -99,21 +101,27 @@ def evidence(
     slack = NOISE_SLOPE * field.aperture() ** 2 * near[1] * residual
     own = np.sqrt(residual / np.maximum(near[0] - slack, 1e-12))
     found = np.where(np.isfinite(disparity), start + step, np.nan).astype(np.float32)
-    carriers = _carriers(sums[0], sums[4], field)
+    carriers = _carriers(sums[0], sums[4], sums[5], field)
     return Evidence(found, (bend / residual).astype(np.float32), np.minimum(own, 1).astype(np.float32), carriers)
 
 
-def _carriers(bend: FloatArray, squares: FloatArray, field: MosaicField) -> FloatArray:
-    """Number of samples (t, s) that carry the sums `bend`, from the sums of the squares of what each adds to them."""
+def _carriers(bend: FloatArray, squares: FloatArray, count: FloatArray, field: MosaicField) -> FloatArray:
+    """Share (t, s) of the samples that carry the sums `bend`: their number is (Σ x)² / Σ x² of what each adds to them.
+
+    Parameters
+    ----------
+    squares, count
+        Sums of the squares of what each sample adds, and numbers of the samples.
+    """
     weights = block_weights(AROUND, field.row_pitch, brick=field.brick)
-    mean, square = (block_sum(one, field.offset, *weights) for one in (bend, squares))
-    lenses = 4 * np.pi * AROUND**2 / field.row_pitch
-    return np.asarray(1 + lenses * mean**2 / np.maximum(square, 1e-20), dtype=np.float32)
+    mean, square, number = (block_sum(one, field.offset, *weights) for one in (bend, squares, count))
+    share = mean**2 / np.maximum(square * number, 1e-20)
+    return np.asarray(np.clip(share, LEAST_SHARE, 1), dtype=np.float32)
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})
 def _sums(samples, views, axes, rho, offset, pitch, patch, disparity, limit, span, sums):  # type: ignore[no-untyped-def]
-    """Fill rows `span` of the sums (5, t, s) over the samples of w·g², w·g·r, w·r², w and (w·g²)²."""
+    """Fill rows `span` of the sums (6, t, s) over the samples of w·g², w·g·r, w·r², w, (w·g²)² and 1."""
     mosaics, colours, confidences = samples
     rows, columns = disparity.shape
     one = np.float32(1)
@@ -140,6 +148,7 @@ def _sums(samples, views, axes, rho, offset, pitch, patch, disparity, limit, spa
                 sums[2, t, s] += w * r * r
                 sums[3, t, s] += w
                 sums[4, t, s] += (w * g * g) ** 2
+                sums[5, t, s] += one
 
 
 @numba.njit(nogil=True, cache=True, fastmath={"contract", "nsz"})

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import lfflow
+from lfflow.conventions import CFA_NONE
 from lfflow.kernels.colour.completion import complete_centre
 from lfflow.kernels.mosaicked.levelling import levelled, without_strangers
 from lfflow.kernels.mosaicked.mosaic_field import mosaic_field
@@ -84,3 +85,17 @@ def test_black_views_change_nothing():
     black = lf.assign(mosaic=lf.mosaic.where(inner, 0.0 * lf.mosaic))
     cut = lf.assign(cfa=lf.cfa.where(inner, 255).astype("u1"))
     assert float(errors(black).median()) == float(errors(cut).median())
+
+
+@pytest.mark.parametrize("gains", [(1.0, 0.2, 0.05), (0.05, 0.1, 1.0)])
+def test_saturated_colours_are_no_strangers(gains):
+    field = field_of(shaded(0.0))
+    mosaic = field.mosaic.copy()
+    for colour, gain in enumerate(gains):
+        mosaic[field.cfa == colour] *= gain
+    black, ungreen = field.views()[0], field.views()[1]
+    mosaic[black] = 0.02
+    cfa = field.cfa.copy()
+    cfa[ungreen][cfa[ungreen] == 1] = CFA_NONE
+    found = without_strangers(field._replace(mosaic=mosaic, cfa=cfa))
+    assert set(field.views()) - set(found.views()) == {black}

@@ -5,7 +5,7 @@ import pytest
 
 from lfflow.conventions import CFA_NONE
 from lfflow.kernels.colour.completion import complete_centre
-from lfflow.kernels.mosaicked.refine import AROUND, evidence
+from lfflow.kernels.mosaicked.refine import evidence
 
 SHAPE = (40, 46)
 
@@ -35,9 +35,7 @@ def test_carriers_are_the_samples_that_have_texture(slab):
     start = np.full(SHAPE, 0.3, dtype="f4")
     inner = (slice(8, -8), slice(8, -8))
     everything = np.median(told(slab, start).carriers[inner])
-    lenses = 4 * np.pi * AROUND**2 / slab.row_pitch
-    samples = (slab.cfa[:, :, 8:-8, 8:-8] != CFA_NONE).sum() / slab.cfa[0, 0, 8:-8, 8:-8].size
-    assert 0.2 * lenses * samples < everything < lenses * samples
+    assert 0.2 < everything < 1
     plain = [slab.cfa == colour for colour in (0, 2)]
     mosaic = slab.mosaic.copy()
     for where in plain:
