@@ -64,9 +64,10 @@ MOSTLY_NOISE = 0.25
 """Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP, STEPS, BREAKS = 2e4, 0.02, 60, 8
-"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle, and
-jumps that nothing tells of heal from their ends, by as many lenses as the surface's breaks are sought again."""
+STIFFNESS, JUMP, STEPS = 2e4, 0.02, 60
+"""Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
+BREAKS, LATER_BREAKS = 8, 3
+"""How often its breaks are sought again, the first time and later: jumps that nothing tells of heal from their ends."""
 QUIET, FEWEST, MOST = 0.008, 2, 8
 """The samples are asked this noise over their own times, within bounds: the less noise, the less may differ and yet be
 alike, and the shorter the way that one answer leads."""
@@ -156,7 +157,8 @@ def _refined(field: MosaicField, found: FloatArray, noise: float, options: Match
         doubt = np.minimum(told.own, MOST_DOUBT)
         trust = (told.information / (1 + (doubt / TEXTURELESS) ** 2)).astype(np.float32)
         found = fit_surface(told.disparity, trust, found, guide, axes, stiffness=STIFFNESS,
-                            jump=np.hypot(JUMP, doubt), edge=_edge(noise), rounds=BREAKS, iterations=STEPS)  # fmt: skip
+                            jump=np.hypot(JUMP, doubt), edge=_edge(noise),
+                            rounds=BREAKS if turn == 0 else LATER_BREAKS, iterations=STEPS)  # fmt: skip
     if options.second_pass and options.regularise:
         found = choose_sides(found, picture, field, noise, options.threads)
         found = place_edges(found, picture, field.offset, field.row_pitch, contrast=4 * noise)
