@@ -61,6 +61,17 @@ def test_a_step_of_what_does_not_know_its_disparity_gives_way(doubt, kept):
     assert (np.abs(np.diff(found[INNER], axis=1)).max() > 0.1) == kept
 
 
+@pytest.mark.parametrize(("known_by_itself", "heals"), [(10, True), (1000, False)])
+def test_a_patch_heals_from_its_rim_unless_it_knows_better(known_by_itself, heals):
+    start, known = slope(BRICK), np.full((ROWS, COLUMNS), 1e4, "f4")
+    start[10:18, 12:20] += 0.3
+    known[10:18, 12:20] = known_by_itself
+    once, often = (fit_surface(start, known, start, FLAT, lattice_axes(BRICK), **TIGHT, rounds=n) for n in (1, 8))
+    off = np.abs(np.array([once, often]) - slope(BRICK)).max(axis=(1, 2))
+    assert off[0] > 0.2
+    assert (off[1] < 0.01) if heals else (off[1] > 0.25)
+
+
 def test_a_plane_known_at_few_places_is_continued_over_the_rest():
     t, s = np.mgrid[:20, :24].astype(np.float64)
     truth = 0.3 + 0.004 * s - 0.003 * t

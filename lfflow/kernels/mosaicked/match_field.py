@@ -64,7 +64,7 @@ MOSTLY_NOISE = 0.25
 """Share of clear places up to which the second pass is done twice: the picture along the first disparity is poor."""
 BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
-STIFFNESS, JUMP, STEPS = 2e4, 0.02, 60
+STIFFNESS, JUMP, STEPS = 2e4, 0.02, 40
 """Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
 BREAKS, LATER_BREAKS = 8, 3
 """How often its breaks are sought again, the first time and later: jumps that nothing tells of heal from their ends."""
