@@ -79,11 +79,11 @@ def _metadata(values: dict[str, Any]) -> list[str]:
 
     rows = []
     for name, value in values.items():
-        attrs = RAW[name].attrs
-        units = f" {attrs['units']}" if attrs["units"] != "1" and value is not None else ""
+        variable = RAW[name]
+        units = "" if variable.units in ("", "1") or value is None else f" {variable.units}"
         matrix = isinstance(value, list) and isinstance(value[0], list)
         first, *others = [_shown(row) for row in value] if matrix else [_shown(value, name)]
-        rows.append({"metadata": name, "value": first + units, "meaning": attrs["long_name"]})
+        rows.append({"metadata": name, "value": first + units, "meaning": variable.long_name})
         rows += [{"metadata": " ", "value": row, "meaning": " "} for row in others]
     return _columns(rows)
 
