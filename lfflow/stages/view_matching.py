@@ -51,7 +51,7 @@ class Settings:
     small: float = 0.3
     large: float = 5.0
     stiffness: float = 5e4
-    rounds: int = 3
+    rounds: int = 4
     widest: float = 6.0
 
 

@@ -24,7 +24,7 @@ _REACH = np.float32(0.15)
 _HIDES = np.float32(0.1)
 _JUMP, _EDGE = 0.03, 0.015
 """Second difference, and change of the picture, at which the surface may break."""
-_DOUBT = 9
+_DOUBT = 3
 """Squared standard deviations of what a neighbourhood tells that are no break."""
 
 
