@@ -251,12 +251,13 @@ def _lattice_lines(lightfield: xr.Dataset) -> list[tuple[str, str]]:
 
 
 def _map_lines(disparity: xr.Dataset) -> list[tuple[str, str]]:
-    values, error = central(disparity, "disparity"), central(disparity, "disparity_std")
+    values, error, flags = (central(disparity, name) for name in ("disparity", "disparity_std", "flags"))
     known = np.isfinite(values)
+    sure = known & (flags == 0)
     low, high = robust_limits(values, 1, 99)
-    median = float(np.median(error[np.isfinite(error)])) if np.isfinite(error).any() else float("nan")
     return [
         ("disparity, 1-99 %", f"{low:+.3f} ... {high:+.3f}"),
         ("lenses with disparity", f"{100 * known.mean():.1f} %"),
-        ("median std", f"{median:.4f}"),
+        ("of them without a flag", f"{100 * sure.sum() / max(known.sum(), 1):.1f} %"),
+        ("median std of these", f"{np.median(error[sure]):.4f}" if sure.any() else "unknown"),
     ]

@@ -35,7 +35,10 @@ def field() -> xr.Dataset:
 def disparity(field: xr.Dataset) -> xr.Dataset:
     t, s = field["t"], field["s"]
     d = xr.where((t == 12) & (s > 10), 0.4, 0.0) + 0 * s
-    return xr.Dataset({"disparity": d.astype("float32"), "disparity_std": (0.1 * abs(d)).astype("float32")})
+    flags = xr.zeros_like(d, dtype=np.uint8)
+    return xr.Dataset(
+        {"disparity": d.astype("float32"), "disparity_std": (0.1 * abs(d)).astype("float32"), "flags": flags}
+    )
 
 
 def test_a_flat_scene_is_shown_in_one_colour_everywhere(field: xr.Dataset, disparity: xr.Dataset) -> None:
