@@ -69,8 +69,8 @@ STIFFNESS, JUMP, STEPS = 2e4, 0.02, 40
 BREAKS, LATER_BREAKS = 8, 3
 """How often its breaks are sought again, the first time and later: jumps that nothing tells of heal from their ends."""
 QUIET, FEWEST, MOST = 0.008, 2, 8
-"""The samples are asked this noise over their own times, within bounds: the less noise, the less may differ and yet be
-alike, and the shorter the way that one answer leads."""
+"""How often the samples are asked is this noise over theirs, within bounds: the less noise, the less may differ and yet
+be alike, and the shorter the way that one answer leads."""
 MOST_DOUBT = 0.03
 """The surface breaks where it bends by more than a place knows its disparity, and by more than this in any case."""
 TELLING = 0.45
