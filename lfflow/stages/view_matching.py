@@ -42,7 +42,7 @@ class Settings:
     stiffness
         Information of a straight surface against that of the views (`lfflow.kernels.surface.fit_surface`).
     rounds
-        Steps of the refinement.
+        Steps of the refinement; up to twice as many where there is much noise, in which every step is shorter.
     widest
         Largest |disparity| that the search for the range tries.
     """
@@ -118,7 +118,8 @@ def _disparity(
     sided = settle_edges(
         choose_sides(lines, field, first.disparity, first.edge), field.guide, rounds=3, threads=threads
     )
-    refined = refine(lines, field.guide, sided, stiffness=settings.stiffness, rounds=settings.rounds)
+    rounds = round(settings.rounds * (1 + first.noisy))
+    refined = refine(lines, field.guide, sided, stiffness=settings.stiffness, rounds=rounds)
     std = _deviation(refined, high - low)
     return refined.disparity, std, _flags(first, refined)
 

@@ -45,12 +45,15 @@ class Found(NamedTuple):
         (layer,) factors after which a layer differs between views by about 1 at the right disparity.
     edge
         Variance of the luminance that is no edge.
+    noisy
+        Variance of the noise of the detail, in units of that of the texture; limited.
     """
 
     disparity: FloatArray
     sure: npt.NDArray[np.bool_]
     scale: FloatArray
     edge: float
+    noisy: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +119,7 @@ def search(field: ViewField, hypotheses: FloatArray, small: float, large: float,
     total, unit = accumulate(cost, field.guide, small=small, large=large * (1 + (noisy / _MUCH) ** 2), edge=_EDGE,
                              threads=threads)  # fmt: skip
     sure = cost.mean(axis=0) - cost.min(axis=0) > 0.5 * unit
-    return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale, flat)
+    return Found(np.nan_to_num(winner(total, hypotheses)), sure, scale, flat, noisy)
 
 
 def _texture(field: ViewField) -> float:
