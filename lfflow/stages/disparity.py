@@ -83,7 +83,7 @@ def disparity(
     Raises
     ------
     ValueError
-        An option is unknown, or the light field has no such view.
+        An option is unknown, the light field has no such view, or too few lenses or views beside it.
     TypeError
         An option has no meaning for `lf`.
     SchemaError

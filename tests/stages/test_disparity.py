@@ -115,6 +115,18 @@ def test_a_small_clear_spot_does_not_bound_the_rest():
     assert float((abs(out.disparity[6:-6, 6:-6] + 0.4) > 0.1).mean()) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("cut", "told"),
+    [
+        ({"t": slice(1)}, r"1 × \d+ lenses: disparity takes at least 2 × 2"),
+        ({"u": slice(3, 6), "v": slice(3, 6)}, r"2 to 4 steps from u=0, v=0 .* has u \[-1, 0, 1\], v \[-1, 0, 1\]"),
+    ],
+)
+def test_fields_that_are_too_small_are_refused(tilted, cut, told):
+    with pytest.raises(ValueError, match=told):
+        lfflow.disparity(tilted.isel(cut))
+
+
 def test_unknown_options_are_refused():
     lf = lightfield(plane(0.0), shape=(8, 8))
     with pytest.raises(ValueError, match="parabolla"):

@@ -43,7 +43,8 @@ Pair = tuple[int, int]
 FIRST_RANGE = 1.0
 WIDEST_RANGE = 4.0
 SECOND_STEP = 0.08
-LONGEST = 4
+SHORTEST, LONGEST = 2, 4
+"""Steps between the views of a pair of the first pass."""
 PRESSED = 0.04
 """Share of the clear places that may lie at the border before the range is doubled."""
 INNER, OUTER, RIM = 0.58, 0.73, 1.09
@@ -116,7 +117,16 @@ class First(NamedTuple):
 
 
 def match_field(field: MosaicField, options: Matching) -> tuple[FloatArray, FloatArray, ByteArray]:
-    """Disparity, std and flags (t, s) of view (0, 0)."""
+    """Disparity, std and flags (t, s) of view (0, 0).
+
+    Raises
+    ------
+    ValueError
+        With fewer than 2 × 2 lenses, or without views that make pairs with view (0, 0).
+    """
+    rows, columns = field.rho.shape[1:]
+    if min(rows, columns) < 2:
+        raise ValueError(f"a field of {rows} × {columns} lenses: disparity takes at least 2 × 2")
     _, colour, confidence = field.view(0, 0)
     level = without_strangers(field._replace(mosaic=even_noise(field, options.threads)))
     found, told = further_passes(level, first_pass([level], options), options)
@@ -190,8 +200,13 @@ def supported_pairs(field: MosaicField, least: float = 0.6) -> list[Pair]:
     The support is measured on the field itself at shifts of 0, ½ and 1 lens; the longest and the half as long are taken
     on each side, and the best ones if too few have enough.
     """
-    across = [(int(a), 0) for a in field.u if 2 <= abs(a) <= LONGEST]
-    down = [(0, int(b)) for b in field.v if 2 <= abs(b) <= LONGEST]
+    across = [(int(a), 0) for a in field.u if SHORTEST <= abs(a) <= LONGEST]
+    down = [(0, int(b)) for b in field.v if SHORTEST <= abs(b) <= LONGEST]
+    if not across + down:
+        raise ValueError(
+            f"no view {SHORTEST} to {LONGEST} steps from u=0, v=0 in its row or column, where colours meet their own: "
+            f"the field has u {field.u.tolist()}, v {field.v.tolist()}"
+        )
     support = {pair: pair_support(field, pair) for pair in across + down}
     good = [pair for pair, share in support.items() if share >= least]
     if len(good) >= 2:
