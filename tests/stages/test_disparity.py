@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import lfflow
+from lfflow.kernels.mosaicked.fusion import FUSIONS
 from lfflow.schema import lattice_of
 from lfflow.stages import view_matching
 from lfflow.stages.view_matching import disparity_of_views
@@ -26,6 +27,22 @@ def test_a_plane_has_one_disparity(d):
 def test_a_plane_without_noise_is_hardly_drawn_to_the_samples(d):
     inner = lfflow.disparity(lightfield(plane(d))).disparity.isel(t=slice(6, -6), s=slice(6, -6))
     assert float(abs(inner - d).median()) < 0.007
+
+
+@pytest.fixture(scope="module")
+def faint_step(step):
+    """The step with a seventh of its texture, and noise."""
+    lf, _, truth = step
+    noise = np.random.default_rng(5).normal(0, 0.02, lf["mosaic"].shape)
+    return lf.assign(mosaic=(0.5 + 0.15 * (lf["mosaic"] - 0.5) + noise).astype("float32")), truth
+
+
+@pytest.mark.parametrize("fusion", FUSIONS)
+def test_every_fusion_keeps_a_near_square_of_faint_texture(faint_step, fusion):
+    lf, truth = faint_step
+    error = np.abs(lfflow.disparity(lf, fusion=fusion).disparity.to_numpy() - truth)[5:-5, 5:-5]
+    assert np.median(error) < 0.01
+    assert (error > 0.1).mean() < 0.03
 
 
 def test_threads_do_not_change_a_bit(tilted):

@@ -90,14 +90,16 @@ def fuse_costs(costs: FloatArray, hypotheses: npt.NDArray[np.floating], fusion: 
     """One cost (hypothesis, t, s) of the costs (pair, hypothesis, t, s) of pairs or of sides of the aperture.
 
     ``trimmed`` leaves out the worst quarter, ``mean`` none, ``opposite`` the worse half (an edge hides a point from one
-    side), ``median`` takes the middle of the places of the single minima, ``inverse_variance`` weighs each pair by the
-    bend of its cost at its minimum over that minimum, which is the inverse of the variance of its place.
+    side), ``inverse_variance`` weighs each pair by the bend of its cost at its minimum over that minimum, which is the
+    inverse of the variance of its place. ``median`` takes the distance from the middle of the places of the single
+    minima, and their spread about it: a disparity, where the others are squared differences.
     """
     if fusion == "median":
         each = np.stack([minimum(cost, hypotheses)[0] for cost in costs])
-        middle = weighted_median(each, np.isfinite(each).astype(np.float32))
+        known = np.isfinite(each).astype(np.float32)
+        middle = weighted_median(each, known)
         labels = np.asarray(hypotheses, dtype=np.float32)[:, None, None]
-        away: FloatArray = np.abs(labels - middle) / np.float32(max(float(hypotheses[-1] - hypotheses[0]), 1e-6))
+        away: FloatArray = np.abs(labels - middle) + np.nan_to_num(spread(each, known, middle))
         return away
     if fusion == "inverse_variance":
         return _weighted(costs)

@@ -230,18 +230,19 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
         fresh = np.stack(each(partial(_pair_cost, fields, beyond, options), pairs, options.threads))
         costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
+        differences = fused if options.fusion != "median" else fuse_costs(costs, labels, "opposite")
         within = inside(field)
-        clear = is_clear(fused) & within
+        clear = is_clear(differences) & within
         best = np.abs(minimum(fused, labels, "none")[0])[clear]
         if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
         found = _decide(fused, labels, None, options, brick=field.brick)
-        told = told_range(fused, labels, found, within, field.row_pitch)
+        told = told_range(differences, labels, found, within, field.row_pitch)
         if options.hypotheses is None and told is not None:
             found = np.clip(found, *told)
         share = float(clear.sum() / max(within.sum(), 1))
-        return First(found, float(np.sqrt(noise_level(fused) / PAIR_NOISE)), share)
+        return First(found, float(np.sqrt(noise_level(differences) / PAIR_NOISE)), share)
 
 
 def _pair_cost(
