@@ -67,7 +67,7 @@ BAND, BAND_REACH = 0.25, 3
 """The second pass looks so much, and so many lenses, around the first disparity."""
 STIFFNESS, JUMP, STEPS = 2e4, 0.02, 40
 """Of the surface, `lfflow.kernels.surface.fit_surface`; what has little texture needs that many steps to settle."""
-BREAKS, LATER_BREAKS = 8, 3
+BREAKS, LATER_BREAKS = 12, 3
 """How often its breaks are sought again, the first time and later: jumps that nothing tells of heal from their ends."""
 QUIET, FEWEST, MOST = 0.008, 2, 8
 """How often the samples are asked is this noise over theirs, within bounds: the less noise, the less may differ and yet
