@@ -38,7 +38,13 @@ def is_clear(cost: FloatArray) -> BoolArray:
 
 
 def told_range(
-    cost: FloatArray, labels: npt.NDArray[np.floating], found: FloatArray, among: BoolArray, row_pitch: float
+    cost: FloatArray,
+    labels: npt.NDArray[np.floating],
+    found: FloatArray,
+    *,
+    clear: BoolArray,
+    among: BoolArray,
+    row_pitch: float,
 ) -> tuple[float, float] | None:
     """Range of the disparities that clear places and clear surroundings have, a little wider; None where hardly any is.
 
@@ -50,18 +56,18 @@ def told_range(
         (hypothesis, t, s) at the disparities `labels`.
     found
         Disparity (t, s) that was chosen.
-    among
-        Places (t, s) that count.
+    clear, among
+        Places (t, s) that `is_clear` tells, and those that count.
     row_pitch
         Distance of the rows, lens pitches.
     """
     wide = _surrounding(cost, row_pitch)
     ranges = []
-    for clear, values in (
-        (is_clear(cost), found),
+    for sure, values in (
+        (clear, found),
         (_stands_out(wide, WIDE_CLEAR * noise_level(cost)), minimum(wide, labels, "none")[0]),
     ):
-        told = values[clear & among]
+        told = values[sure & among]
         if told.size > ENOUGH * among.sum():
             ranges.append(np.quantile(told, (0.01, 0.99)))
     if not ranges:

@@ -222,6 +222,7 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
     field = fields[0]
     pairs = list(options.pairs) if options.pairs is not None else supported_pairs(field)
     longest = max(max(abs(a), abs(b)) for a, b in pairs)
+    within = inside(field)
     reach, costs = FIRST_RANGE, np.empty((len(pairs), 0, *field.rho.shape[1:]), dtype=np.float32)
     while True:
         labels = _labels(options, 0.5 / longest, (-reach, reach))
@@ -231,14 +232,13 @@ def first_pass(fields: Sequence[MosaicField], options: Matching) -> First:
         costs = np.concatenate([fresh[:, :more], costs, fresh[:, more:]], axis=1) if costs.size else fresh
         fused = fuse_costs(costs, labels, options.fusion)
         differences = fused if options.fusion != "median" else fuse_costs(costs, labels, "opposite")
-        within = inside(field)
         clear = is_clear(differences) & within
         best = np.abs(minimum(fused, labels, "none")[0])[clear]
         if options.hypotheses is None and reach < WIDEST_RANGE and _presses(best, reach - 1 / longest):
             reach *= 2
             continue
         found = _decide(fused, labels, None, options, brick=field.brick)
-        told = told_range(differences, labels, found, within, field.row_pitch)
+        told = told_range(differences, labels, found, clear=clear, among=within, row_pitch=field.row_pitch)
         if options.hypotheses is None and told is not None:
             found = np.clip(found, *told)
         share = float(clear.sum() / max(within.sum(), 1))

@@ -27,6 +27,10 @@ def scene(faint: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return volume(disparity, np.where(disc, 1.0, faint)), disparity, disc
 
 
+def range_of(cost: np.ndarray, found: np.ndarray) -> tuple[float, float] | None:
+    return told_range(cost, LABELS, found, clear=is_clear(cost), among=np.ones(SHAPE, bool), row_pitch=0.866)
+
+
 def test_only_texture_is_clear() -> None:
     cost, _, disc = scene(faint=0.1)
     assert (is_clear(cost) == disc).mean() > 0.99
@@ -35,7 +39,7 @@ def test_only_texture_is_clear() -> None:
 
 def test_a_faint_wall_belongs_to_the_range() -> None:
     cost, disparity, _ = scene(faint=0.1)
-    told = told_range(cost, LABELS, disparity, np.ones(SHAPE, bool), 0.866)
+    told = range_of(cost, disparity)
     assert told is not None
     assert -1.65 < told[0] < -1.25
     assert 0.5 < told[1] < 0.9
@@ -43,19 +47,19 @@ def test_a_faint_wall_belongs_to_the_range() -> None:
 
 def test_a_wall_without_texture_does_not() -> None:
     cost, disparity, _ = scene(faint=0.0)
-    told = told_range(cost, LABELS, disparity, np.ones(SHAPE, bool), 0.866)
+    told = range_of(cost, disparity)
     assert told is not None
     assert 0.0 < told[0] < 0.5 < told[1] < 1.0
 
 
 def test_noise_tells_no_range() -> None:
     cost = volume(np.zeros(SHAPE), np.zeros(SHAPE))
-    assert told_range(cost, LABELS, np.zeros(SHAPE), np.ones(SHAPE, bool), 0.866) is None
+    assert range_of(cost, np.zeros(SHAPE)) is None
 
 
 def test_undefined_costs_are_left_out() -> None:
     cost, disparity, _ = scene(faint=0.1)
     cost[:, :, :30] = np.nan
-    told = told_range(cost, LABELS, disparity, np.ones(SHAPE, bool), 0.866)
+    told = range_of(cost, disparity)
     assert told is not None
     assert -1.65 < told[0] < -1.25
